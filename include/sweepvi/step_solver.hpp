@@ -1,0 +1,78 @@
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "sweepvi/dvi.hpp"
+
+namespace sweepvi {
+
+/// When a step counts as solved.
+struct CertificateOptions {
+  double rtol = 1e-10;    ///< -sweepvi_certificate_rtol: worst natural residual over row terms [-], > 0
+  double target = 1e-14;  ///< -sweepvi_target_rtol: where the solver stops improving [-], > 0 and <= rtol
+};
+
+/// What came of a step.
+struct StepReport {
+  bool certified = false;
+  double residual = 0.0;      ///< worst ratio |u - mid(l, b, u - F)|_i / terms_i of the point found
+  PetscInt iterations = 0;    ///< Newton iterations, all attempts
+  int rung = 0;               ///< attempt that succeeded, from 0; see StepSolver::rung_names
+  std::string reason;         ///< SNES's own word on the last attempt
+};
+
+/// Solves the box VI of one step with SNESVI and certifies the result row by row:
+///
+///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for all i.
+///
+/// SNES stops when the certificate is met at `target`, or stops improving below `rtol`; its own tolerances do not
+/// enter. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the other type from there, both
+/// from the projection of zero.
+class StepSolver {
+ public:
+  /// @param snes  set up here with defaults (reduced space, preonly + LU by MUMPS), then SNESSetFromOptions: the options
+  ///              database has the last word
+  /// @note Collective on the problem's communicator.
+  StepSolver(SNES snes, Dvi& problem);
+  StepSolver(const StepSolver&) = delete;
+  StepSolver& operator=(const StepSolver&) = delete;
+
+  /// Solves the step for which the problem's `begin` fills bounds and guess; settles the point found and certifies it.
+  /// A step that cannot be certified is a result, not an error. The problem is left before `accept`.
+  /// @note Collective.
+  StepReport solve(const Step& step);
+
+  Vec solution() const { return u_.get(); }  ///< settled u of the last solve
+  Vec residual() const { return f_.get(); }  ///< F at that point
+  Mat jacobian() const { return jacobian_.get(); }
+  SNES snes() const { return snes_; }
+  const CertificateOptions& certificate() const { return certificate_; }
+
+  static constexpr std::array<const char*, 4> rung_names = {"chosen", "other_type", "cold_start",
+                                                            "other_type_cold_start"};
+  const std::array<std::int64_t, 4>& rungs() const { return rungs_; }  ///< certified steps per rung
+
+ private:
+  static PetscErrorCode form_function(SNES, Vec, Vec, void*);
+  static PetscErrorCode form_jacobian(SNES, Vec, Mat, Mat, void*);
+  static PetscErrorCode converged(SNES, PetscInt, PetscReal, PetscReal, PetscReal, SNESConvergedReason*, void*);
+  void configure(SNES snes);
+  SNES other_snes();
+  double worst_ratio(Vec u);
+  PetscInt attempt(bool other_type, bool cold, std::string& reason);
+
+  Dvi& problem_;
+  SNES snes_;
+  NonlinearSolver other_;
+  std::string chosen_type_;
+  CertificateOptions certificate_;
+  Matrix jacobian_;
+  Vector u_, f_, snes_f_, lower_, upper_, guess_, terms_, settled_;
+  double previous_ratio_ = 0.0;
+  std::array<std::int64_t, 4> rungs_{};
+  std::exception_ptr parked_;
+};
+
+}  // namespace sweepvi

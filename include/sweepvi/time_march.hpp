@@ -1,0 +1,47 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+
+#include "sweepvi/dvi.hpp"
+#include "sweepvi/step_solver.hpp"
+
+namespace sweepvi {
+
+/// Marches a Dvi from `start` to `end` in `steps` equal steps, t_k = start + k h by multiplication.
+///
+/// The march is PETSc's TS of the type "sweepvi", registered here: monitors, views and logging work as for any TS
+/// (-ts_monitor, -ts_view, -snes_vi_monitor, -log_view, ...). One step: box rule, SNESVI, settle, certificate, accept.
+/// TSTHETA would average multipliers and complementarity rows over the step; here they stand at t_{k+1}.
+class TimeMarch {
+ public:
+  /// Called after each accepted step, on every rank.
+  using Observer = std::function<void(const Step&, const StepReport&)>;
+
+  /// @throws Error (bad_input) if the options database asks for another TS type or a SNES that solves no box VI
+  /// @note Collective on the problem's communicator. `problem` must outlive the march.
+  TimeMarch(Dvi& problem, double start, double end, PetscInt steps);
+  ~TimeMarch();
+  TimeMarch(const TimeMarch&) = delete;
+  TimeMarch& operator=(const TimeMarch&) = delete;
+
+  void observe(Observer observer);
+
+  /// Takes one step. If it is not certified, the state stays that of t_k. @note Collective.
+  StepReport step();
+
+  /// Takes all remaining steps, or until one is not certified: then the last report is that step's. @note Collective.
+  StepReport run();
+
+  PetscInt steps_taken() const;
+  PetscInt steps() const;
+  double time() const;  ///< time reached [s]
+  double h() const;     ///< [s]
+  const StepSolver& solver() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace sweepvi

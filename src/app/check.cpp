@@ -1,0 +1,105 @@
+#include <fmt/format.h>
+
+#include <cmath>
+#include <map>
+
+#include "app/prepare.hpp"
+#include "app/summary.hpp"
+#include "app/verbs.hpp"
+#include "parallel/gather.hpp"
+#include "sweepvi/linear_dvi.hpp"
+
+namespace sweepvi::app {
+
+namespace {
+
+const char* name_of(MarkovReport::Solvability solvability) {
+  switch (solvability) {
+    case MarkovReport::Solvability::positive_definite: return "positive definite: each step has exactly one solution";
+    case MarkovReport::Solvability::p_matrix: return "a P-matrix, not positive definite: each step has exactly one solution";
+    case MarkovReport::Solvability::positive_semidefinite: return "positive semidefinite: enough for degrees 0 and 1";
+    case MarkovReport::Solvability::not_checked: return "not checked (coupled groups too large, or degrees 0 and 1)";
+  }
+  return "";
+}
+
+std::string degrees_text(MPI_Comm comm, const RelativeDegree& relative_degree) {
+  std::map<int, std::int64_t> count;
+  for (const int r : gather(comm, relative_degree.degree)) ++count[r];
+  std::string text;
+  for (const auto& [r, n] : count) text += fmt::format("{}r = {} for {} constraint{}", text.empty() ? "" : ", ", r, n, n == 1 ? "" : "s");
+  return text;
+}
+
+std::string not_needed(const LinearSystem& system, const RelativeDegree& relative_degree, Form form) {
+  std::string text;
+  const auto add = [&](const char* what) { text += (text.empty() ? "" : "; ") + std::string(what); };
+  if (form == Form::box_on_z) add("multipliers (outputs are states, their rows read the measures)");
+  if (system.states() == relative_degree.outputs) add("zero dynamics (n = sum of r)");
+  if (!system.f.any) add("forcing");
+  if (system.f.any && !system.f.varies) add("derivatives of the forcing (it is constant)");
+  if (!system.D) add("D");
+  return text.empty() ? "nothing" : text;
+}
+
+}  // namespace
+
+ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
+  const Prepared model = prepare(comm, line);
+  const LinearSystem& system = model.system;
+  const RelativeDegree& degree = model.relative_degree;
+  const TimeSpec& time = model.scene.time;
+  const Form form = choose_form(time.scheme, degree);
+  const auto dvi = make_linear_dvi(system, degree, time.scheme, form, time.start, time.step);
+  if (line.help_requested) {
+    const TimeMarch march(*dvi, time.start, time.end, static_cast<PetscInt>(time.steps));
+    return ExitCode::done;
+  }
+  Summary counts;
+  counts.count_jacobian(dvi->create_jacobian().get());
+  const ZeroDynamics zero = zero_dynamics(system, degree);
+  const std::string degrees = degrees_text(comm, degree);
+  int rank = 0;
+  int ranks = 1;
+  MPI_Comm_rank(comm, &rank);
+  MPI_Comm_size(comm, &ranks);
+  if (rank != 0) return ExitCode::done;
+
+  const auto row = [](const char* name, const std::string& text) { fmt::print("{:<20} {}\n", name, text); };
+  const PetscInt n = system.states();
+  const PetscInt m = system.constraints();
+  row("scene", fmt::format("{}{}", line.scene, model.scene.title.empty() ? "" : " (" + model.scene.title + ")"));
+  row("steps", fmt::format("{} of {:.9g} s from {:.9g} s to {:.9g} s, scheme {}", time.steps, time.step, time.start,
+                           time.end, sweepvi::name_of(time.scheme)));
+  row("sizes", fmt::format("{} states, {} constraints, {} outputs", n, m, degree.outputs));
+  row("relative degree", degrees);
+  row("  decided at", fmt::format("|C A^i B| > {:.0e} |C||A|^i|B|; smallest that counted {:.1e}, largest that did not {:.1e}",
+                                  degree.tolerance, degree.smallest_kept, degree.largest_dropped));
+  row("Markov matrix", model.markov.diagonal
+                           ? std::string("diagonal")
+                           : fmt::format("{} nonzeros, largest coupled group {}", model.markov.nonzeros, model.markov.largest_block));
+  row("  condition", model.markov.condition_known ? fmt::format("{:.3g}", model.markov.condition)
+                                                  : "not computed (coupled group too large)");
+  row("  solvability", name_of(model.markov.solvability));
+  row("zero dynamics",
+      zero.size <= 0 ? std::string("none")
+      : std::isnan(zero.largest_real_part)
+          ? fmt::format("{} states (spectrum computed up to 500 states)", zero.size)
+          : fmt::format("{} states, largest real part of the spectrum {:.3g} 1/s{}", zero.size, zero.largest_real_part,
+                        zero.largest_real_part > 1e-9 ? " (unstable: non-minimum phase)" : ""));
+  row("unknowns", fmt::format("{} ({}: {} states{})", counts.unknowns, sweepvi::name_of(form), n,
+                              form == Form::box_on_z ? "" : fmt::format(" + {} multipliers", counts.unknowns - n)));
+  row("Jacobian nonzeros", fmt::format("{} ({:.3g} per unknown)", counts.jacobian_nonzeros,
+                                       static_cast<double>(counts.jacobian_nonzeros) / static_cast<double>(counts.unknowns)));
+  row("not needed", not_needed(system, degree, form));
+  if (ranks > 1) row("edge cut", fmt::format("{} couplings between {} ranks", system.edge_cut, ranks));
+  // K, |K|, the Jacobian, its reduced copy: 12 B an entry; about 30 vectors; the factor is a guess for chain-like fill.
+  const double matrices = 4.0 * 12.0 * static_cast<double>(counts.jacobian_nonzeros);
+  const double vectors = 30.0 * 8.0 * static_cast<double>(counts.unknowns);
+  const double factor = 5.0 * 12.0 * static_cast<double>(counts.jacobian_nonzeros);
+  row("memory estimate", fmt::format("{:.3g} MB over all ranks, and about {:.3g} MB for the factorization (chains; more on lattices)",
+                                     (matrices + vectors) / 1e6, factor / 1e6));
+  return ExitCode::done;
+}
+
+}  // namespace sweepvi::app

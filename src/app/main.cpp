@@ -1,0 +1,71 @@
+// The program: command line -> verb -> exit code. MPI, PETSc and every handle end before main returns.
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "app/command_line.hpp"
+#include "app/verbs.hpp"
+#include "io/table_file.hpp"
+#include "sweepvi/petsc.hpp"
+
+namespace {
+
+using namespace sweepvi;
+
+ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
+  if (line.help_requested && line.scene.empty()) {
+    if (rank == 0) std::fputs(app::help_text(line.verb == app::Verb::help ? line.help_topic : line.verb).c_str(), stdout);
+    return ExitCode::done;
+  }
+  switch (line.verb) {
+    case app::Verb::run: return app::run(comm, line);
+    case app::Verb::check: return app::check_scene(comm, line);
+    case app::Verb::solve: return app::solve(comm, line);
+    case app::Verb::info: return app::info(comm);
+    case app::Verb::help: break;
+  }
+  if (rank == 0) std::fputs(app::help_text(line.help_topic).c_str(), stdout);
+  return ExitCode::done;
+}
+
+void complain(int rank, const char* message) {
+  if (rank == 0) std::fprintf(stderr, "sweepvi: %s\n", message);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  app::CommandLine line;
+  std::optional<Error> bad_usage;
+  try {
+    line = app::parse_command_line(std::vector<std::string>(argv + 1, argv + argc));
+  } catch (const Error& error) {
+    bad_usage = error;
+  }
+  std::vector<std::string> words = bad_usage ? std::vector<std::string>{} : line.petsc_words;
+  if (line.help_requested && !line.scene.empty()) words.emplace_back("-help");
+
+  ExitCode code = ExitCode::internal;
+  Session session(argv[0], words);
+  int rank = 0;
+  MPI_Comm_rank(session.comm(), &rank);
+  if (bad_usage) {
+    complain(rank, bad_usage->what());
+    return static_cast<int>(bad_usage->code());
+  }
+  try {
+    code = act(session.comm(), rank, line);
+  } catch (const Error& error) {
+    code = error.code();
+    if (code == ExitCode::internal || TableFile::damaged()) {
+      // Perhaps only this rank is here; the others must not wait for it.
+      std::fprintf(stderr, "sweepvi: [rank %d] %s\n", rank, error.what());
+      MPI_Abort(session.comm(), static_cast<int>(code));
+    }
+    complain(rank, error.what());
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "sweepvi: [rank %d] internal error: %s\n", rank, error.what());
+    MPI_Abort(session.comm(), static_cast<int>(ExitCode::internal));
+  }
+  return static_cast<int>(code);
+}

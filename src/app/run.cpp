@@ -1,0 +1,154 @@
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <ctime>
+
+#include "app/options.hpp"
+#include "app/prepare.hpp"
+#include "app/progress.hpp"
+#include "app/summary.hpp"
+#include "app/verbs.hpp"
+#include "app/versions.hpp"
+#include "io/recorder.hpp"
+#include "sweepvi/linear_dvi.hpp"
+#include "sweepvi/time_march.hpp"
+#include "sweepvi_config.hpp"
+
+namespace sweepvi::app {
+
+namespace {
+
+std::string timestamp() {
+  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  std::array<char, 32> text{};
+  const std::size_t length = std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return {text.data(), length};
+}
+
+void describe(TableFile& file, MPI_Comm comm, const Scene& scene, const std::string& started) {
+  int ranks = 1;
+  MPI_Comm_size(comm, &ranks);
+  std::array<char, 256> host{};
+  gethostname(host.data(), host.size() - 1);
+  char* options = nullptr;
+  check(PetscOptionsGetAll(nullptr, &options));
+  file.attribute("format_version", 1);
+  file.attribute("title", scene.title);
+  file.attribute("scene", scene.text);
+  file.attribute("options", options);
+  check(PetscFree(options));
+  file.attribute("sweepvi_version", std::string(config::version));
+  file.attribute("git_hash", std::string(config::git_hash));
+  file.attribute("petsc_version", petsc_version());
+  file.attribute("mumps_version", mumps_version());
+  file.attribute("hdf5_version", hdf5_version());
+  file.attribute("mpi_version", mpi_version());
+  file.attribute("ranks", ranks);
+  file.attribute("host", host.data());
+  file.attribute("scheme", name_of(scene.time.scheme));
+  file.attribute("step", scene.time.step);
+  file.attribute("started", started);
+}
+
+std::string failure_text(const TimeMarch& march, const StepReport& report) {
+  const PetscInt number = march.steps_taken() + 1;
+  const double t = march.time() + march.h();
+  return fmt::format(
+      "step {}, t = {:.6g} s: the step could not be certified: {} after {} iterations in {} attempts, residual {:.3g} of "
+      "the row terms (asked for {:.3g}). Everything before it is in the output. Try a smaller time.step, or "
+      "-snes_vi_monitor to watch the active set",
+      number, t, report.reason, report.iterations, StepSolver::rung_names.size(), report.residual,
+      march.solver().certificate().rtol);
+}
+
+}  // namespace
+
+ExitCode run(MPI_Comm comm, const CommandLine& line) {
+  const double begin = MPI_Wtime();
+  const std::string started = timestamp();
+  int rank = 0;
+  MPI_Comm_rank(comm, &rank);
+  Prepared model = prepare(comm, line);
+  const TimeSpec& time = model.scene.time;
+  const std::string path = line.output.value_or(model.scene.output.file);
+
+  const Form form = choose_form(time.scheme, model.relative_degree);
+  const auto dvi = make_linear_dvi(model.system, model.relative_degree, time.scheme, form, time.start, time.step);
+  TimeMarch march(*dvi, time.start, time.end, static_cast<PetscInt>(time.steps));
+  if (line.help_requested) return ExitCode::done;  // the objects have printed their options
+
+  if (line.summary) check_writable(comm, *line.summary, true);
+  Recorder recorder(path, line.force, model.scene.output, time, model.system, model.relative_degree, *dvi);
+  describe(recorder.file(), comm, model.scene, started);
+  recorder.file().attribute("status", "running");
+
+  Summary summary;
+  summary.constraints = model.system.constraints();
+  summary.edge_cut = model.system.edge_cut;
+  summary.count_jacobian(march.solver().jacobian());
+  SNESType snes_type = nullptr;
+  check(SNESGetType(march.solver().snes(), &snes_type));
+  summary.snes_type = snes_type;
+  summary.max_penetration = 0.0;
+  summary.seconds_setup = MPI_Wtime() - begin;
+
+  StepReport report;
+  std::optional<Error> trouble;
+  {
+    Progress progress(comm, time.steps);
+    const double stepping = MPI_Wtime();
+    double last = stepping;
+    double recording = 0.0;
+    PetscInt active_before = dvi->active();
+    march.observe([&](const Step& step, const StepReport& step_report) {
+      const double solved = MPI_Wtime();
+      summary.snes_iterations += step_report.iterations;
+      summary.max_residual = std::max(summary.max_residual, step_report.residual);
+      summary.max_penetration = std::max(summary.max_penetration, dvi->penetration());
+      std::int64_t changes[2] = {dvi->active() != active_before ? 1 : 0, 0};
+      active_before = dvi->active();
+      MPI_Allreduce(&changes[0], &changes[1], 1, MPI_INT64_T, MPI_MAX, comm);
+      summary.active_changes += changes[1];
+      recorder.step(step, step_report, solved - last);
+      last = MPI_Wtime();
+      recording += last - solved;
+      progress.show(step.number, step.t_new, summary.snes_iterations);
+    });
+    try {
+      report = march.run();
+    } catch (const Error& error) {
+      if (error.code() != ExitCode::output || TableFile::damaged()) throw;
+      trouble = error;  // all ranks know; what is in the file stays
+    }
+    summary.seconds_stepping = MPI_Wtime() - stepping - recording;
+  }
+  summary.steps = march.steps_taken();
+  summary.rungs = march.solver().rungs();
+  if (trouble) throw *trouble;
+
+  const bool failed = !report.certified;
+  summary.exit = failed ? ExitCode::unsolved : ExitCode::done;
+  summary.status = failed ? "failed" : "done";
+  recorder.file().attribute("status", summary.status);
+  recorder.file().attribute("finished", timestamp());
+  recorder.finish();
+  summary.time_matmult(march.solver().jacobian());
+  summary.unused_options = report_unused_options(comm);
+  summary.seconds_total = MPI_Wtime() - begin;
+  summary.write(comm, line.summary);
+
+  if (rank == 0) {
+    fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraints, {:.3g} s\n", path, summary.steps, time.step,
+               summary.unknowns, name_of(form), summary.constraints, summary.seconds_total);
+    fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n", summary.max_residual,
+               summary.max_penetration, summary.snes_iterations);
+  }
+  if (failed) throw Error(ExitCode::unsolved, failure_text(march, report));
+  return ExitCode::done;
+}
+
+}  // namespace sweepvi::app

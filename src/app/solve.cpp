@@ -1,0 +1,115 @@
+#include <fmt/format.h>
+
+#include <filesystem>
+
+#include "app/options.hpp"
+#include "app/summary.hpp"
+#include "app/verbs.hpp"
+#include "app/versions.hpp"
+#include "dvi/affine_vi.hpp"
+#include "io/table_file.hpp"
+#include "model/from_scene.hpp"
+#include "petsc/sparse.hpp"
+#include "sweepvi_config.hpp"
+
+namespace sweepvi::app {
+
+namespace {
+
+// The solver's idea of "no bound".
+std::vector<double> petsc_bounds(std::vector<double> bounds) {
+  for (double& bound : bounds) {
+    if (bound >= PETSC_INFINITY) bound = PETSC_INFINITY;
+    if (bound <= PETSC_NINFINITY) bound = PETSC_NINFINITY;
+  }
+  return bounds;
+}
+
+void record(MPI_Comm comm, const std::string& path, bool overwrite, const Problem& problem, const std::string& status,
+            Vec u, Vec f) {
+  PetscInt size = 0;
+  PetscInt first = 0;
+  PetscInt last = 0;
+  check(VecGetSize(u, &size));
+  check(VecGetOwnershipRange(u, &first, &last));
+  const auto field = [&](const char* name, const char* description) {
+    return FieldSpec{name, FieldSpec::Type::real, {static_cast<hsize_t>(size)}, static_cast<hsize_t>(first),
+                     static_cast<hsize_t>(last - first), "1", description, {}};
+  };
+  TableFile file(comm, path,
+                 {{"/t", FieldSpec::Type::real, {}, 0, 0, "s", "no time: one problem", {}},
+                  field("/solution", "u"), field("/F", "M u + q at the solution")},
+                 {.expected_rows = 1, .overwrite = overwrite});
+  file.real(0)[0] = 0.0;
+  const ReadArray values(u);
+  const ReadArray residual(f);
+  std::copy_n(values.data(), values.size(), file.real(1));
+  std::copy_n(residual.data(), residual.size(), file.real(2));
+  file.commit_row();
+  file.attribute("format_version", 1);
+  file.attribute("scene", problem.text);
+  file.attribute("sweepvi_version", std::string(config::version));
+  file.attribute("petsc_version", petsc_version());
+  file.attribute("status", status);
+  file.finish();
+}
+
+}  // namespace
+
+ExitCode solve(MPI_Comm comm, const CommandLine& line) {
+  const double begin = MPI_Wtime();
+  Problem problem = read_problem(comm, line.scene);
+  insert_scene_options(line, "", false);
+  PetscInt size = static_cast<PetscInt>(problem.M.rows);
+  MPI_Bcast(&size, 1, MPIU_INT, 0, comm);
+  PetscInt local = PETSC_DECIDE;
+  check(PetscSplitOwnership(comm, &local, &size));
+  AffineVi vi(scatter_rows(comm, problem.M, local, local), scatter_vector(comm, problem.q, local),
+              scatter_vector(comm, petsc_bounds(problem.lower), local),
+              scatter_vector(comm, petsc_bounds(problem.upper), local), scatter_vector(comm, problem.u0, local));
+  NonlinearSolver snes;
+  check(SNESCreate(comm, snes.put()));
+  StepSolver solver(snes.get(), vi);
+  if (line.help_requested) return ExitCode::done;
+
+  const std::string path = line.output.value_or(std::filesystem::path(line.scene).stem().string() + ".h5");
+  check_writable(comm, path, line.force);
+  if (line.summary) check_writable(comm, *line.summary, true);
+
+  Summary summary;
+  summary.count_jacobian(solver.jacobian());
+  SNESType type = nullptr;
+  check(SNESGetType(snes.get(), &type));
+  summary.snes_type = type;
+  summary.constraints = size;
+  summary.seconds_setup = MPI_Wtime() - begin;
+  const StepReport report = solver.solve(Step{1, 0.0, 0.0, 0.0});
+  summary.seconds_stepping = MPI_Wtime() - begin - summary.seconds_setup;
+  vi.accept(solver.solution(), solver.residual());
+  summary.steps = 1;
+  summary.exit = report.certified ? ExitCode::done : ExitCode::unsolved;
+  summary.status = report.certified ? "done" : "failed";
+  summary.snes_iterations = report.iterations;
+  summary.max_residual = report.residual;
+  summary.max_penetration = vi.penetration();
+  summary.rungs = solver.rungs();
+  record(comm, path, line.force, problem, summary.status, solver.solution(), solver.residual());
+  summary.time_matmult(solver.jacobian());
+  summary.unused_options = report_unused_options(comm);
+  summary.seconds_total = MPI_Wtime() - begin;
+  summary.write(comm, line.summary);
+  if (!report.certified)
+    throw Error(ExitCode::unsolved,
+                fmt::format("{}: no point could be certified: {} after {} iterations in {} attempts; the best one, with "
+                            "residual {:.3g} of the row terms (asked for {:.3g}), is in {}. The problem may have no solution",
+                            line.scene, report.reason, report.iterations, StepSolver::rung_names.size(), report.residual,
+                            solver.certificate().rtol, path));
+  int rank = 0;
+  MPI_Comm_rank(comm, &rank);
+  if (rank == 0)
+    fmt::print("{}: certified, worst ratio {:.2g}, {} Newton iterations, {} unknowns\n", path, report.residual,
+               report.iterations, size);
+  return ExitCode::done;
+}
+
+}  // namespace sweepvi::app

@@ -1,0 +1,138 @@
+#include "app/summary.hpp"
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "petsc/sparse.hpp"
+
+namespace sweepvi::app {
+
+namespace {
+
+std::int64_t event_count(const char* name) {
+  PetscLogEvent event = -1;
+  check(PetscLogEventGetId(name, &event));
+  if (event < 0) return 0;
+  PetscEventPerfInfo info;
+  check(PetscLogEventGetPerfInfo(PETSC_DETERMINE, event, &info));
+  return info.count;
+}
+
+// JSON has no infinity; a run without steps has no ratio.
+nlohmann::json number(double value) { return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr); }
+
+}  // namespace
+
+std::int64_t peak_rss_bytes(MPI_Comm comm) {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  std::int64_t bytes = static_cast<std::int64_t>(usage.ru_maxrss) * 1024;
+  MPI_Allreduce(MPI_IN_PLACE, &bytes, 1, MPI_INT64_T, MPI_MAX, comm);
+  return bytes;
+}
+
+void check_writable(MPI_Comm comm, const std::string& path, bool overwrite) {
+  int rank = 0;
+  MPI_Comm_rank(comm, &rank);
+  agreed(comm, [&] {
+    if (rank != 0) return;
+    namespace fs = std::filesystem;
+    std::error_code status;
+    if (fs::is_directory(path, status)) throw Error(ExitCode::output, path + " is a folder; name a file");
+    if (!overwrite && fs::exists(path, status))
+      throw Error(ExitCode::output, path + " exists; give another name, or --force to replace it");
+    fs::path folder = fs::path(path).parent_path();
+    if (folder.empty()) folder = ".";
+    if (!fs::is_directory(folder, status))
+      throw Error(ExitCode::output, path + " cannot be written: there is no folder " + folder.string() + "; make it first");
+    if (access(folder.c_str(), W_OK) != 0)
+      throw Error(ExitCode::output, path + " cannot be written: no permission in " + folder.string());
+  });
+}
+
+void Summary::count_jacobian(Mat jacobian) {
+  MatInfo info;
+  check(MatGetInfo(jacobian, MAT_GLOBAL_SUM, &info));
+  jacobian_nonzeros = static_cast<std::int64_t>(info.nz_used);
+  PetscInt size = 0;
+  check(MatGetSize(jacobian, &size, nullptr));
+  unknowns = size;
+}
+
+void Summary::time_matmult(Mat jacobian) {
+  Vector x;
+  Vector y;
+  check(MatCreateVecs(jacobian, x.put(), y.put()));
+  check(VecSet(x.get(), 1.0));
+  const MPI_Comm comm = PetscObjectComm(reinterpret_cast<PetscObject>(jacobian));
+  std::vector<double> samples;
+  for (int i = 0; i < 12; ++i) {
+    MPI_Barrier(comm);
+    double seconds = MPI_Wtime();
+    check(MatMult(jacobian, x.get(), y.get()));
+    seconds = MPI_Wtime() - seconds;
+    MPI_Allreduce(MPI_IN_PLACE, &seconds, 1, MPI_DOUBLE, MPI_MAX, comm);
+    if (i >= 2) samples.push_back(seconds);  // the first ones warm the caches
+  }
+  std::sort(samples.begin(), samples.end());
+  matmult_seconds = samples[samples.size() / 2];
+}
+
+std::string Summary::text(MPI_Comm comm) const {
+  int ranks = 1;
+  MPI_Comm_size(comm, &ranks);
+  const double per_step = steps > 0 ? seconds_stepping / static_cast<double>(steps) : 0.0;
+  nlohmann::ordered_json json;
+  json["exit"] = static_cast<int>(exit);
+  json["status"] = status;
+  json["steps"] = steps;
+  json["seconds_total"] = seconds_total;
+  json["seconds_setup"] = seconds_setup;
+  json["seconds_stepping"] = seconds_stepping;
+  json["seconds_per_step"] = per_step;
+  json["matmult_seconds"] = matmult_seconds;
+  json["matmults_per_step"] = number(per_step / matmult_seconds);
+  json["ranks"] = ranks;
+  json["unknowns"] = unknowns;
+  json["constraints"] = constraints;
+  json["jacobian_nonzeros"] = jacobian_nonzeros;
+  json["edge_cut"] = edge_cut;
+  json["snes_type"] = snes_type;
+  json["snes_iterations"] = snes_iterations;
+  json["predictor_hits"] = 0;
+  json["factorizations"] = event_count("MatLUFactorNum") + event_count("MatCholFctrNum") + event_count("MatILUFactorNum");
+  json["linear_solves"] = event_count("KSPSolve");
+  json["active_changes"] = active_changes;
+  for (std::size_t i = 0; i < rungs.size(); ++i) json["rungs"][StepSolver::rung_names[i]] = rungs[i];
+  json["max_residual"] = number(max_residual);
+  json["max_penetration"] = number(max_penetration);
+  json["peak_rss_bytes"] = peak_rss_bytes(comm);
+  json["unused_options"] = unused_options;
+  return json.dump(2) + "\n";
+}
+
+void Summary::write(MPI_Comm comm, const std::optional<std::string>& path) const {
+  if (!path) return;
+  const std::string content = text(comm);
+  int rank = 0;
+  MPI_Comm_rank(comm, &rank);
+  agreed(comm, [&] {
+    if (rank != 0) return;
+    const std::string partial = *path + ".partial";
+    std::ofstream file(partial);
+    file << content;
+    file.close();
+    if (!file) throw Error(ExitCode::output, *path + " could not be written; check the disk");
+    std::error_code failure;
+    std::filesystem::rename(partial, *path, failure);
+    if (failure) throw Error(ExitCode::output, *path + " could not be written: " + failure.message());
+  });
+}
+
+}  // namespace sweepvi::app

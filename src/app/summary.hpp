@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "sweepvi/step_solver.hpp"
+#include "sweepvi/time_march.hpp"
+
+namespace sweepvi::app {
+
+/// The numbers of `--summary`, gathered while a verb works. Names and meaning: README.md, "Summary".
+struct Summary {
+  ExitCode exit = ExitCode::done;
+  std::string status = "done";
+  std::int64_t steps = 0;
+  double seconds_total = 0.0, seconds_setup = 0.0, seconds_stepping = 0.0;
+  double matmult_seconds = 0.0;
+  std::int64_t unknowns = 0, constraints = 0, jacobian_nonzeros = 0, edge_cut = 0;
+  std::string snes_type;
+  std::int64_t snes_iterations = 0;
+  std::int64_t active_changes = 0;
+  std::array<std::int64_t, 4> rungs{};
+  double max_residual = 0.0, max_penetration = 0.0;
+  std::vector<std::string> unused_options;
+
+  /// Time of one MatMult with the step's Jacobian: the median of several, each the slowest rank's. @note Collective.
+  void time_matmult(Mat jacobian);
+  void count_jacobian(Mat jacobian);
+  /// Adds what only the process knows (peak memory, factorizations, linear solves) and writes the file on rank 0.
+  /// @throws Error (output) on every rank.  @note Collective.
+  void write(MPI_Comm comm, const std::optional<std::string>& path) const;
+  std::string text(MPI_Comm comm) const;  ///< the JSON; collective
+};
+
+/// Largest peak of resident memory of any rank [B]. @note Collective.
+std::int64_t peak_rss_bytes(MPI_Comm comm);
+
+/// @throws Error (output) on every rank if `path` exists and may not be replaced, or its folder cannot be written.
+/// @note Collective.
+void check_writable(MPI_Comm comm, const std::string& path, bool overwrite);
+
+}  // namespace sweepvi::app

@@ -1,0 +1,52 @@
+#include "dvi/output_forcing.hpp"
+
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+OutputForcing::OutputForcing(const LinearSystem& system, const RelativeDegree& relative_degree)
+    : system_(system), relative_degree_(relative_degree) {
+  check(MatCreateVecs(relative_degree.Z.get(), f_.put(), image_.put()));
+}
+
+void OutputForcing::evaluate(double t, Vec g) {
+  const std::vector<PetscInt>& first = relative_degree_.first_level;
+  const std::vector<int>& degree = relative_degree_.degree;
+  check(VecSet(g, 0.0));
+  {
+    const ReadArray w0(system_.w0.get());
+    const WriteArray values(g);
+    for (std::size_t a = 0; a < degree.size(); ++a)
+      if (degree[a] > 0) values[first[a]] = w0[static_cast<PetscInt>(a)];
+  }
+  if (!system_.f.any) return;
+  const int highest_derivative = system_.f.varies ? relative_degree_.highest - 2 : 0;
+  for (int p = 0; p <= highest_derivative; ++p) {
+    check(VecSet(f_.get(), 0.0));
+    system_.f.add_to(f_.get(), t, p, 1.0);
+    check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
+    const ReadArray image(image_.get());
+    const WriteArray values(g);
+    for (std::size_t a = 0; a < degree.size(); ++a)
+      for (int i = p + 2; i <= degree[a]; ++i) values[first[a] + i - 1] += image[first[a] + i - 2 - p];
+  }
+}
+
+void OutputForcing::increment_defect(const Step& step, Vec g_old, Vec g_new, Vec defect) {
+  check(VecSet(f_.get(), 0.0));
+  system_.f.add_to(f_.get(), step.t_new, 0, 1.0);
+  check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
+  const ReadArray image(image_.get());
+  const ReadArray before(g_old);
+  const ReadArray after(g_new);
+  const WriteArray values(defect);
+  const std::vector<PetscInt>& first = relative_degree_.first_level;
+  for (std::size_t a = 0; a < relative_degree_.degree.size(); ++a) {
+    for (PetscInt q = first[a]; q < first[a + 1]; ++q) {
+      const bool last_level = q + 1 == first[a + 1];
+      values[q] = last_level ? 0.0 : step.h * (after[q + 1] - image[q]) - (after[q] - before[q]);
+    }
+  }
+}
+
+}  // namespace sweepvi

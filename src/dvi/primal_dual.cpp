@@ -1,0 +1,399 @@
+#include "dvi/primal_dual.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+struct PrimalDual::Blocks {
+  Matrix E;  // n x multipliers
+  Matrix G;  // multipliers x n
+  Matrix H;  // multipliers x multipliers, or empty
+};
+
+PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme,
+                       double t_start, double h)
+    : system_(system),
+      relative_degree_(relative_degree),
+      h_(h),
+      with_levels_(scheme == Scheme::homsp && relative_degree.highest > 1),
+      completes_(scheme != Scheme::naive_euler && system.f.varies && relative_degree.highest > 2),
+      forcing_(system, relative_degree) {
+  const std::size_t count = relative_degree.degree.size();
+  levels_.allocate(with_levels_ ? relative_degree.degree : std::vector<int>(count, 1),
+                   with_levels_ ? relative_degree.highest : std::max(1, relative_degree.highest));
+  measure_per_nu_.assign(levels_.z.size(), 1.0);
+  for (std::size_t a = 0; a < count; ++a) {
+    double& last = measure_per_nu_[levels_.at(a, levels_.levels(a))];
+    if (with_levels_) last = 1.0 / relative_degree.markov_diagonal[a];
+    else if (scheme == Scheme::zd_euler) last = std::pow(h, 1 - relative_degree.degree[a]);
+    else if (scheme == Scheme::naive_euler || system.D) last = h;
+    if (!with_levels_) levels_.mu_shift[a] = std::max(1, relative_degree.degree[a]) - 1;
+  }
+  pinned_.assign(levels_.z.size(), 0);
+  output_scale_.assign(levels_.z.size(), 0.0);
+
+  const Blocks blocks = make_blocks();
+  check(MatCreateVecs(system.A.get(), x_.put(), phi_.put()));
+  check(MatCreateVecs(blocks.E.get(), g_.put(), nullptr));
+  check(MatCreateVecs(relative_degree.Z.get(), nullptr, output_g_old_.put()));
+  output_g_new_ = duplicate(output_g_old_.get());
+  defect_ = duplicate(output_g_old_.get());
+  local_x_ = row_range(system.A.get()).size();
+  assemble(blocks);
+  check(MatCreateVecs(K_.get(), u_.put(), nullptr));
+  for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_}) *vector = duplicate(u_.get());
+  if (with_levels_ || completes_) find_cross_coupling();
+  if (completes_) prepare_completion();
+  find_unit_outputs();
+
+  check(VecCopy(system.x0.get(), x_.get()));
+  check(VecSet(u_.get(), 0.0));
+  evaluate_g(t_start, g_.get());
+  forcing_.evaluate(t_start, output_g_new_.get());
+  Vector z = duplicate(g_.get());
+  check(MatMultAdd(blocks.G.get(), x_.get(), g_.get(), z.get()));
+  const ReadArray x(x_.get());
+  const ReadArray outputs(z.get());
+  const WriteArray u(u_.get());
+  for (PetscInt i = 0; i < x.size(); ++i) u[i] = x[i];
+  for (std::size_t q = 0; q < levels_.z.size(); ++q) levels_.z[q] = outputs[static_cast<PetscInt>(q)];
+  for (std::size_t a = 0; a < count; ++a) levels_.w[a] = levels_.z[levels_.at(a, 1)];
+}
+
+PrimalDual::Blocks PrimalDual::make_blocks() {
+  Blocks blocks;
+  if (with_levels_) {
+    blocks.E = transpose(relative_degree_.directions.get());
+    blocks.G = Matrix::share(relative_degree_.Z.get());
+    return blocks;
+  }
+  // E = B diag(e), H = D diag(e / h): the multiplier of the scheme in a scale of its own.
+  Vector e;
+  check(MatCreateVecs(system_.B.get(), e.put(), nullptr));
+  {
+    const WriteArray values(e.get());
+    for (std::size_t a = 0; a < measure_per_nu_.size(); ++a) values[static_cast<PetscInt>(a)] = measure_per_nu_[a];
+  }
+  check(MatDuplicate(system_.B.get(), MAT_COPY_VALUES, blocks.E.put()));
+  check(MatDiagonalScale(blocks.E.get(), nullptr, e.get()));
+  blocks.G = Matrix::share(system_.C.get());
+  if (system_.D) {
+    check(MatDuplicate(system_.D.get(), MAT_COPY_VALUES, blocks.H.put()));
+    check(VecScale(e.get(), 1.0 / h_));
+    check(MatDiagonalScale(blocks.H.get(), nullptr, e.get()));
+  }
+  return blocks;
+}
+
+namespace {
+
+// Unknown number of entry j of a block: each rank's unknowns are its states, then its multipliers.
+class Numbering {
+ public:
+  Numbering(Mat like_x, Mat like_nu) {
+    check(MatGetOwnershipRanges(like_x, &x_));
+    check(MatGetOwnershipRanges(like_nu, &nu_));
+    int size = 0;
+    MPI_Comm_size(PetscObjectComm(reinterpret_cast<PetscObject>(like_x)), &size);
+    ranks_ = static_cast<std::size_t>(size);
+  }
+  PetscInt x(PetscInt j) const { return j + nu_[owner(x_, j)]; }
+  PetscInt nu(PetscInt j) const { return j + x_[owner(nu_, j) + 1]; }
+
+ private:
+  std::size_t owner(const PetscInt* ranges, PetscInt j) const {
+    return static_cast<std::size_t>(std::upper_bound(ranges, ranges + ranks_ + 1, j) - ranges) - 1;
+  }
+  const PetscInt* x_ = nullptr;
+  const PetscInt* nu_ = nullptr;
+  std::size_t ranks_ = 0;
+};
+
+}  // namespace
+
+void PrimalDual::assemble(const Blocks& blocks) {
+  const Numbering number(system_.A.get(), blocks.G.get());
+  const LocalRange states = row_range(system_.A.get());
+  const LocalRange multipliers = row_range(blocks.G.get());
+  first_row_ = states.first + multipliers.first;
+  RowBuilder rows;
+  for (PetscInt i = states.first; i < states.last; ++i) {
+    rows.add(number.x(i), 1.0);
+    for (const auto& [column, value] : get_row(system_.A.get(), i)) rows.add(number.x(column), -h_ * value);
+    for (const auto& [column, value] : get_row(blocks.E.get(), i)) rows.add(number.nu(column), -value);
+    rows.end_row();
+  }
+  for (PetscInt q = multipliers.first; q < multipliers.last; ++q) {
+    for (const auto& [column, value] : get_row(blocks.G.get(), q)) rows.add(number.x(column), value);
+    if (blocks.H)
+      for (const auto& [column, value] : get_row(blocks.H.get(), q)) rows.add(number.nu(column), value);
+    rows.add(number.nu(q), 0.0);  // room for the row nu = 0 of a level above r*
+    rows.end_row();
+  }
+  K_ = rows.finish(comm(), states.size() + multipliers.size());
+  abs_K_ = absolute_copy(K_.get());
+}
+
+// How measures along the d_{b,j} reach the outputs of other constraints: Z D without its unit diagonal, rows of level r
+// left out (those outputs are solved for, not completed). Mostly empty: only constraints coupled above level 1 differ.
+void PrimalDual::find_cross_coupling() {
+  const Matrix directions = transpose(relative_degree_.directions.get());
+  const Matrix product = multiply(relative_degree_.Z.get(), directions.get());
+  const Matrix magnitude = multiply(absolute_copy(relative_degree_.Z.get()).get(), absolute_copy(directions.get()).get());
+  const LocalRange outputs = row_range(product.get());
+  std::vector<char> last_level(static_cast<std::size_t>(outputs.size()), 0);
+  for (std::size_t a = 0; a < relative_degree_.degree.size(); ++a)
+    last_level[static_cast<std::size_t>(relative_degree_.first_level[a + 1] - 1)] = 1;
+  RowBuilder rows;
+  int any = 0;
+  for (PetscInt row = outputs.first; row < outputs.last; ++row) {
+    const SparseRow values = get_row(product.get(), row);
+    const SparseRow terms = get_row(magnitude.get(), row);  // same sparsity
+    for (std::size_t k = 0; k < values.size() && last_level[static_cast<std::size_t>(row - outputs.first)] == 0; ++k) {
+      const auto [column, value] = values[k];
+      if (column == row || std::abs(value) <= held_rtol * terms[k].second) continue;
+      rows.add(column, value);
+      any = 1;
+    }
+    rows.end_row();
+  }
+  Matrix cross = rows.finish(comm(), outputs.size());
+  MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, comm());
+  if (any != 0) cross_ = std::move(cross);
+}
+
+// The increment is completed along d_{a,i}, i < r, by c with (I + cross) c = defect; nothing to solve without coupling.
+void PrimalDual::prepare_completion() {
+  if (!cross_) return;
+  const LocalRange outputs = row_range(cross_.get());
+  RowBuilder rows;
+  for (PetscInt row = outputs.first; row < outputs.last; ++row) {
+    rows.add(get_row(cross_.get(), row));
+    rows.add(row, 1.0);
+    rows.end_row();
+  }
+  completion_ = rows.finish(comm(), outputs.size());
+  check(KSPCreate(comm(), completion_solver_.put()));
+  check(KSPSetOptionsPrefix(completion_solver_.get(), "sweepvi_completion_"));
+  check(KSPSetOperators(completion_solver_.get(), completion_.get(), completion_.get()));
+  check(KSPSetType(completion_solver_.get(), KSPPREONLY));
+  PC preconditioner = nullptr;
+  check(KSPGetPC(completion_solver_.get(), &preconditioner));
+  check(PCSetType(preconditioner, PCLU));
+  check(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
+  check(KSPSetFromOptions(completion_solver_.get()));
+}
+
+Matrix PrimalDual::create_jacobian() const {
+  Matrix jacobian;
+  check(MatDuplicate(K_.get(), MAT_COPY_VALUES, jacobian.put()));
+  check(MatSetOption(jacobian.get(), MAT_KEEP_NONZERO_PATTERN, PETSC_TRUE));
+  return jacobian;
+}
+
+// What the forcing adds to F_nu.
+void PrimalDual::evaluate_g(double t, Vec g) {
+  if (with_levels_) {
+    forcing_.evaluate(t, g);
+  } else {
+    check(VecCopy(system_.w0.get(), g));
+  }
+}
+
+void PrimalDual::find_increment(const Step& step) {
+  if (step.number > 1 && !system_.f.varies) return;
+  check(VecSet(phi_.get(), 0.0));
+  system_.f.add_to(phi_.get(), step.t_new, 0, step.h);
+  evaluate_g(step.t_new, g_.get());
+  if (!completes_) return;
+  forcing_.evaluate(step.t_old, output_g_old_.get());
+  forcing_.evaluate(step.t_new, output_g_new_.get());
+  forcing_.increment_defect(step, output_g_old_.get(), output_g_new_.get(), defect_.get());
+  if (completion_solver_) check(KSPSolve(completion_solver_.get(), defect_.get(), defect_.get()));
+  check(MatMultTransposeAdd(relative_degree_.directions.get(), defect_.get(), phi_.get(), phi_.get()));
+}
+
+void PrimalDual::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
+  levels_.apply_level_rule();
+  check(VecSet(lower, PETSC_NINFINITY));
+  check(VecSet(upper, PETSC_INFINITY));
+  {
+    const WriteArray l(lower);
+    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+      for (int i = 1; i <= levels_.levels(a); ++i) {
+        const std::size_t q = levels_.at(a, i);
+        pinned_[q] = i > levels_.level[a] ? 1 : 0;
+        if (!pinned(q)) l[local_x_ + static_cast<PetscInt>(q)] = 0.0;
+      }
+    }
+  }
+  find_increment(step);
+  check(VecCopy(u_.get(), guess));
+
+  const ReadArray u(u_.get());
+  const ReadArray phi(phi_.get());
+  const ReadArray g(g_.get());
+  const WriteArray rhs(rhs_.get());
+  const WriteArray terms(rhs_terms_.get());
+  const WriteArray start(guess);
+  for (PetscInt i = 0; i < local_x_; ++i) {
+    rhs[i] = u[i] + phi[i];
+    terms[i] = std::abs(u[i]) + std::abs(phi[i]);
+  }
+  for (PetscInt q = 0; q < g.size(); ++q) {
+    rhs[local_x_ + q] = -g[q];
+    terms[local_x_ + q] = std::abs(g[q]);
+    if (pinned(static_cast<std::size_t>(q))) start[local_x_ + q] = 0.0;
+  }
+}
+
+// F before levels above r* are pinned: on multiplier rows the outputs themselves.
+void PrimalDual::evaluate(Vec u, Vec f) {
+  check(MatMult(K_.get(), u, f));
+  check(VecAXPY(f, -1.0, rhs_.get()));
+}
+
+void PrimalDual::residual(Vec u, Vec f) {
+  evaluate(u, f);
+  const ReadArray values(u);
+  const WriteArray residual(f);
+  for (std::size_t q = 0; q < pinned_.size(); ++q) {
+    const PetscInt row = local_x_ + static_cast<PetscInt>(q);
+    if (pinned(q)) residual[row] = values[row];
+  }
+}
+
+void PrimalDual::row_terms(Vec u, Vec terms) {
+  check(VecCopy(u, work_.get()));
+  check(VecAbs(work_.get()));
+  check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
+  const ReadArray values(u);
+  const WriteArray result(terms);
+  for (std::size_t q = 0; q < pinned_.size(); ++q) {
+    const PetscInt row = local_x_ + static_cast<PetscInt>(q);
+    if (pinned(q)) result[row] = std::abs(values[row]);
+  }
+}
+
+void PrimalDual::jacobian(Vec, Mat jacobian) {
+  check(MatCopy(K_.get(), jacobian, SAME_NONZERO_PATTERN));
+  std::vector<PetscInt> rows;
+  for (std::size_t q = 0; q < pinned_.size(); ++q)
+    if (pinned(q)) rows.push_back(first_row_ + local_x_ + static_cast<PetscInt>(q));
+  check(MatZeroRows(jacobian, static_cast<PetscInt>(rows.size()), rows.data(), 1.0, nullptr, nullptr));
+}
+
+// How well each output is known: the terms of the rows of x it is made of, |Z| T + |g|, and the next level's own
+// uncertainty through z_i = z_{i,k} + h z_{i+1}. Zx + g alone would not do: in contact all of Z x may be residue.
+void PrimalDual::find_output_scale(Vec u) {
+  row_terms(u, terms_.get());
+  {
+    const WriteArray terms(terms_.get());
+    for (PetscInt row = local_x_; row < terms.size(); ++row) terms[row] = 0.0;
+  }
+  check(MatMult(abs_K_.get(), terms_.get(), work_.get()));
+  const ReadArray spread(work_.get());
+  const ReadArray g(g_.get());
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    double above = 0.0;
+    for (int i = levels_.levels(a); i >= 1; --i) {
+      const std::size_t q = levels_.at(a, i);
+      const auto local = static_cast<PetscInt>(q);
+      above = spread[local_x_ + local] + std::abs(g[local]) + h_ * above;
+      output_scale_[q] = above;
+    }
+  }
+}
+
+// Outputs that are one state of this rank, up to scale: a held one is put exactly on its bound by that state.
+void PrimalDual::find_unit_outputs() {
+  unit_state_.assign(levels_.z.size(), -1);
+  unit_scale_.assign(levels_.z.size(), 0.0);
+  if (!with_levels_) return;
+  const LocalRange states = row_range(system_.A.get());
+  std::size_t q = 0;
+  for_each_row(relative_degree_.Z.get(), [&](PetscInt, auto columns, auto values) {
+    if (columns.size() == 1 && states.contains(columns[0])) {
+      unit_state_[q] = columns[0] - states.first;
+      unit_scale_[q] = values[0];
+    }
+    ++q;
+  });
+}
+
+// In persistent contact outputs and the measures below level r are zero in exact arithmetic; what the solver leaves of
+// them is residue, and rows made of residue alone could never be certified. Held outputs are put on their bound, and
+// their measures below level r follow from AB (32): mu_i = z_{i,k+1} - z_{i,k} - h z_{i+1,k+1} (- cross terms).
+void PrimalDual::settle(Vec u) {
+  find_output_scale(u);
+  evaluate(u, work_.get());
+  std::vector<double>& z = settled_z_;
+  z.resize(levels_.z.size());
+  {
+    const ReadArray output(work_.get());
+    const ReadArray g(g_.get());
+    const WriteArray values(u);
+    for (std::size_t q = 0; q < z.size(); ++q) {
+      const PetscInt row = local_x_ + static_cast<PetscInt>(q);
+      const bool held = !pinned(q) && std::abs(output[row]) <= held_rtol * output_scale_[q];
+      z[q] = held ? 0.0 : output[row];
+      if (held && unit_state_[q] >= 0) values[unit_state_[q]] = -g[static_cast<PetscInt>(q)] / unit_scale_[q];
+      const bool open = z[q] > 0.0 && z[q] > values[row];
+      if (pinned(q) || open || values[row] < 0.0) values[row] = 0.0;
+    }
+  }
+  if (!with_levels_) return;
+  if (cross_) {
+    const ReadArray values(u);
+    {
+      const WriteArray measures(output_g_old_.get());
+      for (std::size_t q = 0; q < z.size(); ++q) {
+        const double nu = values[local_x_ + static_cast<PetscInt>(q)];
+        measures[static_cast<PetscInt>(q)] = nu > held_rtol * output_scale_[q] ? nu : 0.0;
+      }
+    }
+    check(MatMult(cross_.get(), output_g_old_.get(), defect_.get()));
+  } else {
+    check(VecSet(defect_.get(), 0.0));
+  }
+  const ReadArray cross(defect_.get());
+  const WriteArray values(u);
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    for (int i = 1; i < levels_.levels(a) && i <= levels_.level[a]; ++i) {
+      const std::size_t q = levels_.at(a, i);
+      if (z[q] > 0.0) continue;
+      const double nu = z[q] - levels_.z[q] - h_ * z[q + 1] - cross[static_cast<PetscInt>(q)];
+      values[local_x_ + static_cast<PetscInt>(q)] = std::max(0.0, nu);
+    }
+  }
+}
+
+void PrimalDual::accept(Vec u, Vec) {
+  find_output_scale(u);
+  evaluate(u, work_.get());
+  const ReadArray output(work_.get());
+  {
+    const ReadArray values(u);
+    const WriteArray x(x_.get());
+    for (PetscInt i = 0; i < local_x_; ++i) x[i] = values[i];
+    std::vector<double> z_new(levels_.z.size());
+    std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
+    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+      for (int i = 1; i <= levels_.levels(a); ++i) {
+        const std::size_t q = levels_.at(a, i);
+        const PetscInt row = local_x_ + static_cast<PetscInt>(q);
+        const bool held = !pinned(q) && std::abs(output[row]) <= held_rtol * output_scale_[q];
+        z_new[q] = held ? 0.0 : output[row];
+        levels_.measure(a, i) = measure_per_nu_[q] * values[row];
+      }
+      levels_.w[a] = z_new[levels_.at(a, 1)];
+    }
+    levels_.advance(z_new);
+  }
+  check(VecCopy(u, u_.get()));
+}
+
+}  // namespace sweepvi

@@ -1,0 +1,88 @@
+#pragma once
+
+#include <vector>
+
+#include "dvi/level_state.hpp"
+#include "dvi/output_forcing.hpp"
+#include "sweepvi/linear_dvi.hpp"
+
+namespace sweepvi {
+
+/// Unknowns (x, nu), one multiplier per constraint and level that the scheme knows:
+///
+///     F_x  = (I - hA) x - x_k - phi - E nu,      F_nu = G x + H nu + g(t_{k+1}),      0 <= nu  _|_  F_nu >= 0.
+///
+/// | process                     | G     | E                   | H            | measure             |
+/// |-----------------------------|-------|---------------------|--------------|---------------------|
+/// | HOMSP, AB (34)-(45)         | Z     | d_{a,i}             | 0            | mu = nu (/M_aa on r) |
+/// | degrees 0 and 1 with D      | C     | B e, e = h (1: D=0) | D e / h      | mu = h lambda = e nu |
+/// | naive Euler, AB (47)        | C     | B h                 | D            | mu = h lambda = h nu |
+/// | ZD-Euler, AB (63)           | C     | B h^{1-r}           | 0            | mu = h lambda        |
+///
+/// A level above r* has the row nu = 0 instead, so the pattern never changes. phi is h f_{k+1}, for HOMSP and ZD-Euler
+/// completed along d_{a,i}, i < r, so that AB (32) holds exactly for forcing that varies.
+class PrimalDual final : public ConstrainedDvi {
+ public:
+  PrimalDual(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme, double t_start,
+             double h);
+
+  MPI_Comm comm() const override { return system_.comm(); }
+  Vec state() const override { return u_.get(); }
+  Matrix create_jacobian() const override;
+  void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
+  void residual(Vec u, Vec f) override;
+  void row_terms(Vec u, Vec terms) override;
+  void jacobian(Vec u, Mat jacobian) override;
+  void settle(Vec u) override;
+  void accept(Vec u, Vec f) override;
+  double penetration() const override { return levels_.penetration(comm()); }
+  PetscInt active() const override { return levels_.active(); }
+
+  Vec x() const override { return x_.get(); }
+  const std::vector<double>& w() const override { return levels_.w; }
+  const std::vector<double>& z() const override { return is_homsp_with_levels() ? levels_.z : no_outputs_; }
+  const std::vector<double>& mu() const override { return levels_.mu; }
+  int mu_levels() const override { return levels_.mu_levels; }
+  const std::vector<int>& level() const override { return levels_.level; }
+  const std::vector<StepEvent>& events() const override { return levels_.events; }
+
+ private:
+  struct Blocks;  // E, G, H before they are assembled
+  Blocks make_blocks();
+  void assemble(const Blocks& blocks);
+  void find_cross_coupling();
+  void find_unit_outputs();
+  void prepare_completion();
+  void find_increment(const Step& step);
+  void evaluate(Vec u, Vec f);
+  void find_output_scale(Vec u);
+  void evaluate_g(double t, Vec g);
+  bool is_homsp_with_levels() const { return with_levels_; }
+  bool pinned(std::size_t q) const { return pinned_[q] != 0; }
+
+  const LinearSystem& system_;
+  const RelativeDegree& relative_degree_;
+  double h_;
+  bool with_levels_;    // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
+  bool completes_;      // phi needs completing
+  OutputForcing forcing_;
+  LevelState levels_;
+  std::vector<double> measure_per_nu_;  // local multipliers
+  std::vector<double> no_outputs_;
+  PetscInt local_x_ = 0;
+  Matrix K_, abs_K_;
+  Matrix cross_;         // Z D off its unit diagonal, levels below r; empty: no cross coupling
+  Matrix completion_;    // I + cross_
+  LinearSolver completion_solver_;
+  Vector u_, x_;
+  Vector phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
+  Vector rhs_, rhs_terms_, work_, terms_;
+  std::vector<char> pinned_;          // local multipliers
+  std::vector<PetscInt> unit_state_;  // local state that an output is, or -1
+  std::vector<double> unit_scale_;
+  std::vector<double> settled_z_;
+  std::vector<double> output_scale_;  // local multipliers: an output below held_rtol times this is held
+  PetscInt first_row_ = 0;    // global number of this rank's first unknown
+};
+
+}  // namespace sweepvi

@@ -1,0 +1,120 @@
+#include "sweepvi/time_march.hpp"
+
+#include <petsc/private/tsimpl.h>
+
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+namespace {
+constexpr const char* ts_type_name = "sweepvi";
+}
+
+struct TimeMarch::Impl {
+  Dvi& problem;
+  double start, end;
+  PetscInt steps;
+  TimeStepper ts;
+  std::unique_ptr<StepSolver> solver;
+  Observer observer;
+  StepReport last;
+  std::exception_ptr parked;
+
+  double h() const { return (end - start) / static_cast<double>(steps); }
+  double time(PetscInt k) const { return k == steps ? end : start + static_cast<double>(k) * h(); }
+
+  /// One step, called by TSStep: on success the TS stands at t_{k+1}.
+  void take_step() {
+    TS raw = ts.get();
+    const Step step{raw->steps + 1, time(raw->steps), time(raw->steps + 1), h()};
+    last = solver->solve(step);
+    if (!last.certified) {
+      raw->reason = TS_DIVERGED_NONLINEAR_SOLVE;
+      return;
+    }
+    problem.accept(solver->solution(), solver->residual());
+    raw->ptime = step.t_new;
+    raw->time_step = step.h;
+    if (observer) observer(step, last);
+  }
+
+  // The PETSc side of the type: TS finds us through ts->data.
+  static PetscErrorCode ts_step(TS ts) {
+    auto* self = static_cast<Impl*>(ts->data);
+    return guarded(self->parked, [&] { self->take_step(); });
+  }
+  static PetscErrorCode ts_no_op(TS) { return static_cast<PetscErrorCode>(0); }
+  static PetscErrorCode ts_view(TS ts, PetscViewer viewer) {
+    const auto* self = static_cast<Impl*>(ts->data);
+    PetscFunctionBeginUser;
+    PetscCall(PetscViewerASCIIPrintf(viewer, "  %" PetscInt_FMT " steps of %g s, one box VI each\n", self->steps,
+                                     self->h()));
+    PetscFunctionReturn(0);
+  }
+  static PetscErrorCode ts_create(TS ts) {
+    ts->ops->step = ts_step;
+    ts->ops->setup = ts_no_op;
+    ts->ops->reset = ts_no_op;
+    ts->ops->destroy = ts_no_op;
+    ts->ops->view = ts_view;
+    ts->default_adapt_type = TSADAPTNONE;
+    ts->usessnes = PETSC_TRUE;
+    return static_cast<PetscErrorCode>(0);
+  }
+};
+
+TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
+    : impl_(new Impl{problem, start, end, steps, {}, nullptr, {}, {}, nullptr}) {
+  check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
+  check(TSCreate(problem.comm(), impl_->ts.put()));
+  TS ts = impl_->ts.get();
+  check(TSSetType(ts, ts_type_name));
+  ts->data = impl_.get();
+  check(TSSetSolution(ts, problem.state()));
+  check(TSSetTime(ts, start));
+  check(TSSetTimeStep(ts, impl_->h()));
+  check(TSSetMaxSteps(ts, steps));
+  check(TSSetMaxTime(ts, PETSC_MAX_REAL));
+  check(TSSetExactFinalTime(ts, TS_EXACTFINALTIME_STEPOVER));  // the number of steps ends the run, not the clock
+  check(TSSetErrorIfStepFails(ts, PETSC_FALSE));
+  SNES snes = nullptr;
+  check(TSGetSNES(ts, &snes));
+  impl_->solver = std::make_unique<StepSolver>(snes, problem);
+  check(TSSetFromOptions(ts));
+  TSType type = nullptr;
+  check(TSGetType(ts, &type));
+  if (std::string(type) != ts_type_name)
+    throw InputError(std::string("-ts_type ") + type + " is not ours: the march is the TS type '" + ts_type_name +
+                     "'; choose the scheme by time.scheme");
+  check(TSSetTime(ts, start));
+  check(TSSetTimeStep(ts, impl_->h()));
+}
+
+TimeMarch::~TimeMarch() {
+  if (impl_->ts) impl_->ts.get()->data = nullptr;
+}
+
+void TimeMarch::observe(Observer observer) { impl_->observer = std::move(observer); }
+
+StepReport TimeMarch::step() {
+  check(TSStep(impl_->ts.get()), impl_->parked);
+  return impl_->last;
+}
+
+StepReport TimeMarch::run() {
+  check(TSSolve(impl_->ts.get(), nullptr), impl_->parked);
+  return impl_->last;
+}
+
+PetscInt TimeMarch::steps_taken() const {
+  PetscInt taken = 0;
+  check(TSGetStepNumber(impl_->ts.get(), &taken));
+  return taken;
+}
+
+PetscInt TimeMarch::steps() const { return impl_->steps; }
+double TimeMarch::time() const { return impl_->time(steps_taken()); }
+double TimeMarch::h() const { return impl_->h(); }
+const StepSolver& TimeMarch::solver() const { return *impl_->solver; }
+
+}  // namespace sweepvi

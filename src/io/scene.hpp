@@ -1,0 +1,94 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "io/matrix_file.hpp"
+#include "sweepvi/error.hpp"
+#include "sweepvi/linear_dvi.hpp"
+#include "sweepvi/signal.hpp"
+
+namespace sweepvi {
+
+/// `[time]`: K = max(1, round((end - start) / step)) steps of h = (end - start) / K.
+struct TimeSpec {
+  Scheme scheme = Scheme::homsp;
+  double start = 0.0;       ///< [s]
+  double end = 0.0;         ///< [s]
+  double step = 0.0;        ///< h [s], already adjusted to hit `end`
+  std::int64_t steps = 0;   ///< K
+  double time(std::int64_t k) const { return k == steps ? end : start + static_cast<double>(k) * step; }
+};
+
+/// `kind = "linear"`: x' = A x + B lambda + f, w = C x + D lambda + w0, w >= 0.
+/// Matrices and vectors are filled on rank 0 only; elsewhere they are empty.
+struct LinearSpec {
+  SparseEntries A, B, C;           ///< n x n, n x m, m x n
+  std::optional<SparseEntries> D;  ///< m x m
+  std::vector<Signal> f;           ///< n, or empty: no forcing
+  std::vector<double> w0;          ///< m
+  std::vector<double> x0;          ///< n
+};
+
+/// A value per element: one number for all, or one each.
+template <class T>
+struct PerElement {
+  std::vector<T> values;  ///< length 1 or N
+  const T& operator[](std::int64_t i) const {
+    return values.size() == 1 ? values.front() : values[static_cast<std::size_t>(i)];
+  }
+};
+
+/// `kind = "chain"`, `element = "jerk"`. Complete on every rank.
+struct ChainSpec {
+  std::int64_t count = 0;
+  bool ring = false;
+  double coupling = 0.0;
+  PerElement<double> a1{{-1.0}}, a2{{-1.0}}, a3{{-1.0}};
+  PerElement<double> base{{0.2}}, spread{{0.8}};
+  PerElement<Signal> force{{Signal{}}};
+  std::vector<double> x0;  ///< in the order of /x, or empty: the element's default
+};
+
+struct OutputSpec {
+  std::string file;                                 ///< relative to the working directory
+  std::int64_t every = 1;                           ///< record each `every`-th step
+  std::optional<std::vector<std::int64_t>> blocks;  ///< record only these elements, ascending
+};
+
+struct Scene {
+  std::string path;   ///< as given
+  std::string text;   ///< the file's bytes
+  std::string title;
+  TimeSpec time;
+  std::variant<LinearSpec, ChainSpec> model;
+  OutputSpec output;
+  std::string petsc_options;  ///< `[petsc] options`
+  bool petsc_options_set = false;  ///< they came from --set, which outranks PETSC_OPTIONS
+};
+
+/// `--set key=value`: a dotted key and TOML value (a string may go unquoted).
+using Overrides = std::vector<std::pair<std::string, std::string>>;
+
+/// Reads and checks a scene.
+/// @throws Error (bad_input) on every rank: unknown key (with the nearest known), wrong type, shape or range, missing
+///         file, non-finite number, a key or value that is not built yet.
+/// @note Collective on `comm`; rank 0 alone touches files.
+Scene read_scene(MPI_Comm comm, const std::string& path, const Overrides& overrides);
+
+/// `sweepvi solve`: find l <= u <= b with F(u) = M u + q complementary to the bounds. Filled on rank 0 only.
+struct Problem {
+  std::string path, text;
+  SparseEntries M;
+  std::vector<double> q, lower, upper, u0;  ///< each of length n
+};
+
+/// @throws Error (bad_input) on every rank.  @note Collective on `comm`.
+Problem read_problem(MPI_Comm comm, const std::string& path);
+
+}  // namespace sweepvi

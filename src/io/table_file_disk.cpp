@@ -1,0 +1,242 @@
+// TableFile's dealings with the user, the memory and the file system; its dealings with HDF5 are in
+// table_file.cpp.
+
+#include <fcntl.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <numeric>
+#include <utility>
+
+#include "io/table_file.hpp"
+
+namespace sweepvi {
+namespace {
+
+namespace fs = std::filesystem;
+
+[[noreturn]] void refuse(const std::string& message) {
+  throw Error(ExitCode::output, message);
+}
+
+fs::path folder_of(const std::string& path) {
+  const fs::path folder = fs::path(path).parent_path();
+  return folder.empty() ? fs::path(".") : folder;
+}
+
+std::string in_mebibytes(double bytes) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f MiB", bytes / (1 << 20));
+  return text;
+}
+
+/// Makes what was written to path survive a power cut. Not every file system can; then it is as safe as it
+/// gets.
+void synchronise(const fs::path& path, int flags) {
+  const int file = ::open(path.c_str(), flags);
+  if (file < 0) return;
+  fsync(file);
+  ::close(file);
+}
+
+}  // namespace
+
+TableFile::TableFile(MPI_Comm comm, std::string path, std::vector<FieldSpec> fields,
+                     const TableOptions& options)
+    : comm_(comm),
+      path_(std::move(path)),
+      partial_(path_ + ".partial"),
+      fields_(std::move(fields)),
+      options_(options),
+      columns_(fields_.size()) {
+  MPI_Comm_rank(comm_, &rank_);
+  agreed(comm_, [&] {
+    check_fields();
+    if (rank_ == 0) check_path();
+  });
+  make_buffers();
+  agreed(comm_, [&] {
+    if (rank_ == 0) probe();
+  });
+  try {
+    create();
+  } catch (...) {
+    discard();
+    throw;
+  }
+}
+
+TableFile::~TableFile() {
+  close();
+}
+
+void TableFile::check_fields() const {
+  const auto need = [](bool good, const std::string& what) {
+    if (!good) throw Error(ExitCode::internal, "TableFile: " + what);
+  };
+  bool time = false;
+  for (const FieldSpec& field : fields_) {
+    need(field.name.size() > 1 && field.name[0] == '/', "field '" + field.name + "' needs an absolute name");
+    if (field.name == "/t") time = field.extents.empty() && field.type == FieldSpec::Type::real;
+    if (field.extents.empty()) continue;
+    need(std::find(field.extents.begin(), field.extents.end(), 0u) == field.extents.end(),
+         field.name + " has an extent of 0; leave the field out");
+    need(field.count <= field.extents[0] && field.first <= field.extents[0] - field.count,
+         field.name + ": this rank's slice sticks out of the row");
+  }
+  need(time, "there must be a field /t, one real number per row");
+}
+
+void TableFile::check_path() const {
+  std::error_code error;
+  const fs::file_status status = fs::status(path_, error);
+  if (fs::exists(status) && !fs::is_regular_file(status))
+    refuse("cannot write " + path_ + ": it exists and is not a regular file; choose another name (-o)");
+  if (fs::exists(status) && !options_.overwrite)
+    refuse(path_ + " exists already and is kept; replace it with --force, or choose another name (-o)");
+  const fs::path folder = folder_of(path_);
+  if (!fs::is_directory(folder, error))
+    refuse("cannot write " + path_ + ": there is no folder " + folder.string() +
+           "; make it, or choose another (-o)");
+}
+
+// MPI-IO and HDF5 say little about why a file cannot be made, and cannot even close one for which there is no
+// room.
+void TableFile::probe() const {
+  const int file = ::open(partial_.c_str(), O_CREAT | O_WRONLY, 0666);
+  if (file < 0)
+    refuse("cannot write " + partial_ + ": " + std::strerror(errno) + "; check the permissions of folder " +
+           folder_of(path_).string() + ", or choose another (-o)");
+  ::close(file);
+  try {
+    reserve(0);
+  } catch (const Error&) {
+    fs::remove(partial_);
+    throw;
+  }
+}
+
+// HDF5 notices a full disk only in the middle of a write, and is then beyond repair. So before it writes the
+// buffered rows and `events` we take the space for them on disk, and some more for attributes and for closing
+// the file.
+void TableFile::reserve(hsize_t events) const {
+  std::uint64_t held = lists_bytes_, end = lists_bytes_, chunks = 0;
+  const auto count = [&](std::uint64_t now, std::uint64_t later, std::uint64_t slab_rows,
+                         std::uint64_t slab_bytes) {
+    held += (now + slab_rows - 1) / slab_rows * slab_bytes;
+    const std::uint64_t slabs = (later + slab_rows - 1) / slab_rows;
+    end += slabs * slab_bytes;
+    return slabs;
+  };
+  for (const Column& column : columns_)
+    chunks += column.slab_chunks * count(written_, written_ + buffered_, column.slab_rows, column.slab_bytes);
+  chunks +=
+      count(events_written_, events_written_ + events, events_per_chunk, events_per_chunk * sizeof(Event));
+  held -= lists_bytes_;  // the newest list may not be there yet
+  end += 128 * chunks + 2 * text_bytes_ + (std::uint64_t{1} << 20);
+
+  const std::uint64_t more = end - held;  // the file is at least `held` long already
+  const int file = ::open(partial_.c_str(), O_WRONLY);
+  const int code = file < 0 ? errno : fallocate(file, 0, off_t(held), off_t(more)) == 0 ? 0 : errno;
+  if (file >= 0) ::close(file);
+  if (code == 0) return;
+  std::string why = std::strerror(code);
+  if (code != ENOSPC && code != EDQUOT && code != EFBIG) {
+    // This file system cannot reserve: be content if there is enough now.
+    struct statvfs disk {};
+    const bool known = statvfs(folder_of(path_).c_str(), &disk) == 0 && disk.f_blocks > 0;
+    const double space = double(disk.f_bavail) * double(disk.f_frsize);
+    if (!known || space >= double(more)) return;
+    why = in_mebibytes(space) + " are free";
+  }
+  refuse("no room for " + partial_ + ": it needs " + in_mebibytes(double(more)) + " more: " + why +
+         "; make room, or write elsewhere (-o)");
+}
+
+/// Opened and closed by one process, HDF5 cuts off what was reserved and not used.
+void TableFile::trim() const {
+  const QuietHdf5 quiet;
+  const Hdf5File file(H5Fopen(partial_.c_str(), H5F_ACC_RDWR, H5P_DEFAULT));
+}
+
+void TableFile::make_buffers() {
+  std::vector<std::uint64_t> counts;
+  for (const FieldSpec& field : fields_)
+    counts.push_back(field.count);
+  MPI_Allreduce(MPI_IN_PLACE, counts.data(), int(counts.size()), MPI_UINT64_T, MPI_SUM, comm_);
+  std::uint64_t row = 1;
+  for (std::size_t i = 0; i < fields_.size(); ++i) {
+    const FieldSpec& field = fields_[i];
+    if (!field.extents.empty() && counts[i] != field.extents[0])
+      throw Error(ExitCode::internal, "TableFile: " + field.name + ": the ranks' slices have " +
+                                          std::to_string(counts[i]) + " entries together, not " +
+                                          std::to_string(field.extents[0]));
+    columns_[i].slice = field.extents.empty()
+                            ? 1
+                            : std::accumulate(field.extents.begin() + 1, field.extents.end(),
+                                              std::size_t(field.count), std::multiplies<>());
+    columns_[i].row_bytes =
+        columns_[i].slice * (field.type == FieldSpec::Type::real ? sizeof(double) : sizeof(std::int32_t));
+    row += columns_[i].row_bytes;
+  }
+  // The fullest rank decides, so that all ranks write after the same row without asking each other.
+  MPI_Allreduce(MPI_IN_PLACE, &row, 1, MPI_UINT64_T, MPI_MAX, comm_);
+  capacity_ = std::max<hsize_t>(options_.buffer_bytes / row, 1);
+  if (options_.expected_rows > 0) capacity_ = std::min(capacity_, options_.expected_rows);
+  agreed(comm_, [&] {
+    for (Column& column : columns_)
+      column.buffer.resize(capacity_ * column.row_bytes);
+  });
+}
+
+void TableFile::refuse_row(std::size_t field, FieldSpec::Type type) const {
+  throw Error(ExitCode::internal,
+              "TableFile: " + fields_[field].name +
+                  (fields_[field].type != type ? " is asked for with the wrong type"
+                                               : ": no room for a row after a failed write"));
+}
+
+herr_t TableFile::close() noexcept {
+  const QuietHdf5 quiet;
+  if (file_damaged_) {  // HDF5 would try to write on, on some ranks or others
+    for (Column& column : columns_)
+      column.dataset.release();
+    event_dataset_.release();
+    file_.release();
+  }
+  for (Column& column : columns_)
+    column.dataset.close();
+  event_dataset_.close();
+  return file_.close();
+}
+
+void TableFile::finish() {
+  flush();
+  writing([&] { sure(close(), "close the file"); });
+  agreed(comm_, [&] {
+    if (rank_ != 0) return;
+    check_path();  // somebody else may have been quicker
+    std::error_code error;
+    trim();
+    synchronise(partial_, O_RDONLY);
+    fs::rename(partial_, path_, error);
+    if (error)
+      refuse("cannot rename " + partial_ + " to " + path_ + ": " + error.message() + "; rename it by hand");
+    synchronise(folder_of(path_), O_RDONLY | O_DIRECTORY);
+  });
+}
+
+void TableFile::discard() {
+  close();
+  std::error_code ignored;
+  if (rank_ == 0) fs::remove(partial_, ignored);
+  MPI_Barrier(comm_);  // when we return it is gone for everyone
+}
+
+}  // namespace sweepvi

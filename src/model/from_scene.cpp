@@ -1,0 +1,103 @@
+#include "model/from_scene.hpp"
+
+#include <numeric>
+
+#include "model/chain.hpp"
+#include "parallel/gather.hpp"
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+namespace {
+
+std::vector<int> counts_on_root(MPI_Comm comm, PetscInt mine) {
+  return gather(comm, std::vector<int>{static_cast<int>(mine)});
+}
+
+std::vector<int> starts_of(const std::vector<int>& counts) {
+  std::vector<int> starts(counts.size(), 0);
+  for (std::size_t i = 1; i < counts.size(); ++i) starts[i] = starts[i - 1] + counts[i - 1];
+  return starts;
+}
+
+template <class T>
+std::vector<T> scatter(MPI_Comm comm, const std::vector<T>& whole, const std::vector<int>& counts, int mine,
+                       MPI_Datatype type) {
+  std::vector<T> part(static_cast<std::size_t>(mine));
+  const std::vector<int> starts = starts_of(counts);
+  MPI_Scatterv(whole.data(), counts.data(), starts.data(), type, part.data(), mine, type, 0, comm);
+  return part;
+}
+
+}  // namespace
+
+Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_rows, PetscInt local_columns) {
+  const std::vector<int> row_counts = counts_on_root(comm, local_rows);
+  std::vector<std::int64_t> lengths;
+  for (std::size_t i = 1; i < whole.row_starts.size(); ++i)
+    lengths.push_back(whole.row_starts[i] - whole.row_starts[i - 1]);
+  const auto my_lengths = scatter(comm, lengths, row_counts, static_cast<int>(local_rows), MPI_INT64_T);
+  const auto my_entries = static_cast<int>(std::accumulate(my_lengths.begin(), my_lengths.end(), std::int64_t{0}));
+  const std::vector<int> entry_counts = counts_on_root(comm, my_entries);
+  const auto columns = scatter(comm, whole.columns, entry_counts, my_entries, MPI_INT64_T);
+  const auto values = scatter(comm, whole.values, entry_counts, my_entries, MPI_DOUBLE);
+  RowBuilder rows;
+  std::size_t k = 0;
+  for (const std::int64_t length : my_lengths) {
+    for (std::int64_t i = 0; i < length; ++i, ++k)
+      if (values[k] != 0.0) rows.add(static_cast<PetscInt>(columns[k]), values[k]);
+    rows.end_row();
+  }
+  return rows.finish(comm, local_columns);
+}
+
+Vector scatter_vector(MPI_Comm comm, const std::vector<double>& whole, PetscInt local_size) {
+  const std::vector<int> counts = counts_on_root(comm, local_size);
+  const auto mine = scatter(comm, whole, counts, static_cast<int>(local_size), MPI_DOUBLE);
+  Vector vector = make_vector(comm, local_size);
+  const WriteArray values(vector.get());
+  std::copy(mine.begin(), mine.end(), values.data());
+  return vector;
+}
+
+namespace {
+
+LinearSystem from_spec(MPI_Comm comm, LinearSpec& spec) {
+  PetscInt sizes[3] = {static_cast<PetscInt>(spec.A.rows), static_cast<PetscInt>(spec.C.rows), 0};
+  if (spec.D)
+    for (const double value : spec.D->values) sizes[2] = sizes[2] != 0 || value != 0.0 ? 1 : 0;
+  MPI_Bcast(sizes, 3, MPIU_INT, 0, comm);
+  PetscInt states = PETSC_DECIDE;
+  PetscInt constraints = PETSC_DECIDE;
+  check(PetscSplitOwnership(comm, &states, &sizes[0]));
+  check(PetscSplitOwnership(comm, &constraints, &sizes[1]));
+
+  LinearSystem system;
+  system.A = scatter_rows(comm, spec.A, states, states);
+  system.B = scatter_rows(comm, spec.B, states, constraints);
+  system.C = scatter_rows(comm, spec.C, constraints, states);
+  if (sizes[2] != 0) system.D = scatter_rows(comm, spec.D.value_or(SparseEntries{}), constraints, constraints);
+  system.x0 = scatter_vector(comm, spec.x0, states);
+  system.w0 = scatter_vector(comm, spec.w0, constraints);
+  const LocalRange rows = row_range(system.A.get());
+  const LocalRange constraint_rows = row_range(system.C.get());
+  broadcast(comm, spec.f);
+  system.f = Forcing::from(spec.f, rows.first, rows.last);
+  system.state_order.resize(static_cast<std::size_t>(states));
+  std::iota(system.state_order.begin(), system.state_order.end(), rows.first);
+  system.block = system.state_order;
+  system.block_count = sizes[0];
+  system.constraint_order.resize(static_cast<std::size_t>(constraints));
+  std::iota(system.constraint_order.begin(), system.constraint_order.end(), constraint_rows.first);
+  spec = LinearSpec{};
+  return system;
+}
+
+}  // namespace
+
+LinearSystem make_linear_system(MPI_Comm comm, Scene& scene) {
+  if (auto* spec = std::get_if<LinearSpec>(&scene.model)) return from_spec(comm, *spec);
+  return make_chain(comm, std::get<ChainSpec>(scene.model));
+}
+
+}  // namespace sweepvi

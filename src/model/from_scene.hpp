@@ -1,0 +1,17 @@
+#pragma once
+
+#include "io/scene.hpp"
+#include "sweepvi/linear_system.hpp"
+
+namespace sweepvi {
+
+/// The linear system a scene describes; rows dealt out in order. A file's matrices come from rank 0. The scene's own
+/// copy is emptied. @note Collective on `comm`.
+LinearSystem make_linear_system(MPI_Comm comm, Scene& scene);
+
+/// Deals a sparse matrix on rank 0 out by rows; this rank gets `local_rows` of them. @note Collective.
+Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_rows, PetscInt local_columns);
+/// Deals a vector on rank 0 out. @note Collective.
+Vector scatter_vector(MPI_Comm comm, const std::vector<double>& whole, PetscInt local_size);
+
+}  // namespace sweepvi

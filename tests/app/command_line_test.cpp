@@ -1,0 +1,164 @@
+#include "app/command_line.hpp"
+
+#include <gtest/gtest.h>
+
+#include "sweepvi/error.hpp"
+
+// Words in, fields or a complaint out; nothing here touches files, MPI or PETSc.
+
+namespace sweepvi::app {
+namespace {
+
+using Words = std::vector<std::string>;
+
+std::string complaint_about(const Words& words) {
+  try {
+    parse_command_line(words);
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ExitCode::bad_input);
+    return error.what();
+  }
+  return "none";
+}
+
+TEST(CommandLine, SplitsOursFromPetscs) {
+  const CommandLine line = parse_command_line({"run", "a.toml", "-snes_type", "vinewtonrsls", "-o", "b.h5",
+                                               "--set=model.A=[[1]]", "-log_view", "--summary", "s.json",
+                                               "-shift", "-1e-3", "-bound", "-inf", "--force", "-last"});
+  EXPECT_EQ(line.verb, Verb::run);
+  EXPECT_EQ(line.scene, "a.toml");
+  EXPECT_EQ(line.output, "b.h5");
+  EXPECT_EQ(line.summary, "s.json");
+  EXPECT_TRUE(line.force);
+  EXPECT_FALSE(line.help_requested);
+  EXPECT_EQ(line.overrides, (Overrides{{"model.A", "[[1]]"}}));
+  EXPECT_EQ(line.petsc_words,
+            (Words{"-snes_type", "vinewtonrsls", "-log_view", "-shift", "-1e-3", "-bound", "-inf", "-last"}));
+}
+
+TEST(CommandLine, KnowsItsVerbs) {
+  EXPECT_EQ(parse_command_line({"check", "a.toml"}).verb, Verb::check);
+  EXPECT_EQ(parse_command_line({"solve", "a.toml", "-o", "u.h5"}).verb, Verb::solve);
+  EXPECT_EQ(parse_command_line({"info"}).verb, Verb::info);
+  EXPECT_EQ(parse_command_line({"--version"}).verb, Verb::info);
+  EXPECT_EQ(parse_command_line({}).verb, Verb::help);
+}
+
+TEST(CommandLine, FoldsTimesOfPetscIntoOverrides) {
+  const CommandLine line = parse_command_line(
+      {"run", "a.toml", "-ts_dt", ".5", "-ts_max_time", "3", "-ts_theta_theta", "1", "-ts_type", "sweepvi"});
+  EXPECT_EQ(line.overrides, (Overrides{{"time.step", "0.5"}, {"time.end", "3"}, {"time.theta", "1"}}));
+  EXPECT_EQ(line.petsc_words, (Words{"-ts_type", "sweepvi"}));
+  // Said twice, but the same number.
+  EXPECT_EQ(parse_command_line({"run", "a.toml", "--set", "time.step=5e-1", "-ts_dt", "0.5"}).overrides,
+            (Overrides{{"time.step", "5e-1"}}));
+}
+
+TEST(CommandLine, AnswersRequestsForHelp) {
+  for (const std::string word : {"help", "-h", "--help", "-help"}) {
+    EXPECT_EQ(parse_command_line({word}).verb, Verb::help) << word;
+    EXPECT_FALSE(parse_command_line({word}).help_topic) << word;
+    EXPECT_EQ(parse_command_line({word, "solve"}).verb, Verb::help) << word;
+    EXPECT_EQ(parse_command_line({word, "solve"}).help_topic, Verb::solve) << word;
+    const CommandLine scene = parse_command_line({word, "run", "a.toml", "-pc_type", "lu"});
+    EXPECT_EQ(scene.verb, Verb::run) << word;
+    EXPECT_TRUE(scene.help_requested) << word;
+    EXPECT_EQ(scene.petsc_words, (Words{"-pc_type", "lu"})) << word;
+    if (word == "help") continue;
+    EXPECT_EQ(parse_command_line({"run", word}).help_topic, Verb::run) << word;
+    EXPECT_TRUE(parse_command_line({"check", "a.toml", "-pc_type", word}).help_requested) << word;
+  }
+}
+
+TEST(CommandLine, ComplainsAboutWhatItCannotUse) {
+  struct Case {
+    Words words;
+    std::string fragment;
+  };
+  const Case cases[] = {
+      {{"rnu", "a.toml"}, "unknown verb 'rnu'; did you mean 'run'?"},
+      {{"a.toml"}, "did you mean 'sweepvi run a.toml'?"},
+      {{"-log_view", "run"}, "'-log_view' comes before the verb"},
+      {{"study", "a.toml"}, "'study' is not built yet"},
+      {{"compare", "a.h5", "b.h5"}, "'compare' is not built yet"},
+      {{"bench", "a.toml"}, "'bench' is not built yet"},
+      {{"help", "bench"}, "'bench' is not built yet"},
+      {{"run"}, "'run' needs a SCENE.toml directly after it"},
+      {{"run", ""}, "'run' needs a SCENE.toml directly after it"},
+      {{"run", "-log_view", ":out.txt"}, "'run' needs a SCENE.toml directly after it"},
+      {{"solve", "-o", "x.h5"}, "'solve' needs a PROBLEM.toml directly after it"},
+      {{"run", "a.toml", "b.toml"}, "unexpected word 'b.toml'"},
+      {{"run", "a.toml", "-pc_type", "lu", "b.toml"}, "unexpected word 'b.toml'"},
+      {{"info", "a.toml"}, "unexpected word 'a.toml'; 'info' takes no file"},
+      {{"run", "a.toml", "--sumary", "s"}, "'run' has no option --sumary; did you mean '--summary'?"},
+      {{"run", "a.toml", "--zzz"}, "'run' has no option --zzz; known: -o, --set"},
+      {{"run", "a.toml", "--"}, "'run' has no option --"},
+      {{"run", "a.toml", "--restart", "a.h5"}, "--restart is not built yet"},
+      {{"run", "a.toml", "--wall-limit=60"}, "--wall-limit is not built yet"},
+      {{"check", "a.toml", "-o", "b.h5"}, "'check' does not take -o"},
+      {{"check", "a.toml", "--force"}, "'check' does not take --force"},
+      {{"solve", "a.toml", "--set", "a=1"}, "'solve' does not take --set"},
+      {{"info", "--summary", "s"}, "'info' does not take --summary"},
+      {{"run", "a.toml", "--version"}, "--version stands alone"},
+      {{"run", "a.toml", "-o"}, "-o needs a value: -o FILE.h5"},
+      {{"run", "a.toml", "-o", ""}, "-o needs a value"},
+      {{"run", "a.toml", "-o", "--force"}, "-o needs a value"},
+      {{"run", "a.toml", "-o=b.h5"}, "write '-o FILE'"},
+      {{"run", "a.toml", "--summary", "-log_view"}, "--summary needs a value: --summary FILE.json"},
+      {{"run", "a.toml", "--summary="}, "--summary needs a value"},
+      {{"run", "a.toml", "--force=yes"}, "--force takes no value"},
+      {{"run", "a.toml", "--set"}, "--set needs a value"},
+      {{"run", "a.toml", "--set", "time.step"}, "expected key=value"},
+      {{"run", "a.toml", "--set", "=1"}, "expected key=value"},
+      {{"run", "a.toml", "-o", "a.h5", "-o", "b.h5"}, "-o a.h5 and -o b.h5 contradict"},
+      {{"run", "a.toml", "--summary=a", "--summary=b"}, "contradict"},
+      {{"run", "a.toml", "--set", "time.step=1", "--set", "time.step=2"}, "contradict"},
+      {{"run", "a.toml", "--set", "time.step=0.1", "-ts_dt", "0.2"},
+       "--set time.step=0.1 and -ts_dt 0.2 contradict each other; give time.step once"},
+      {{"run", "a.toml", "-ts_max_time", "1", "--set", "time.end=2"}, "contradict"},
+      {{"run", "a.toml", "-ts_dt"}, "-ts_dt needs a value"},
+      {{"run", "a.toml", "-ts_dt=1"}, "write '-ts_dt VALUE'"},
+      {{"run", "a.toml", "-ts_dt", "fast"}, "-ts_dt fast: expected a number"},
+      {{"solve", "a.toml", "-ts_dt", "1"}, "'solve' does not take -ts_dt"},
+      {{"run", "a.toml", "-ts_type", "beuler"}, "-ts_type must be sweepvi"},
+      {{"run", "a.toml", "-ts_type"}, "-ts_type needs a value"},
+  };
+  for (const Case& c : cases) {
+    std::string all;
+    for (const std::string& word : c.words)
+      all += word + " ";
+    EXPECT_NE(complaint_about(c.words).find(c.fragment), std::string::npos)
+        << "sweepvi " << all << "\nsays: " << complaint_about(c.words) << "\nnot:  " << c.fragment;
+  }
+}
+
+TEST(CommandLine, SameAnswerTwiceIsNoContradiction) {
+  EXPECT_EQ(parse_command_line({"run", "a.toml", "-o", "b", "-o", "b"}).output, "b");
+  EXPECT_EQ(parse_command_line({"run", "a.toml", "--set=a=1", "--set=a=1.0"}).overrides.size(), 1U);
+}
+
+TEST(HelpText, NamesWhatTheParserTakesAndNothingElse) {
+  const std::string general = help_text(std::nullopt);
+  for (const char* fragment : {"run SCENE.toml", "check SCENE.toml", "solve PROBLEM.toml", "Exit codes",
+                               "-sweepvi_", "Not built yet: study, compare, bench"})
+    EXPECT_NE(general.find(fragment), std::string::npos) << fragment;
+  struct Case {
+    Verb verb;
+    Words taken, refused;
+  };
+  const Case cases[] = {
+      {Verb::run, {"-o FILE", "--set ", "--summary", "--force", "-ts_dt"}, {"--restart", "--wall-limit"}},
+      {Verb::check, {"--set "}, {"-o FILE", "--summary", "--force"}},
+      {Verb::solve, {"-o FILE", "--summary", "--force"}, {"--set ", "-ts_dt"}},
+      {Verb::info, {"versions"}, {"-o FILE", "--set "}}};
+  for (const Case& c : cases) {
+    const std::string text = help_text(c.verb);
+    for (const std::string& word : c.taken)
+      EXPECT_NE(text.find(word), std::string::npos) << word << " in\n" << text;
+    for (const std::string& word : c.refused)
+      EXPECT_EQ(text.find(word), std::string::npos) << word << " in\n" << text;
+  }
+}
+
+}  // namespace
+}  // namespace sweepvi::app
