@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "sweepvi/petsc.hpp"
@@ -47,6 +48,8 @@ class Dvi {
   /// Sum of the absolute values of the terms of each row of F: what its residual is judged against.
   virtual void row_terms(Vec u, Vec terms) = 0;
   virtual void jacobian(Vec u, Mat jacobian) = 0;
+  /// Changes whenever `jacobian` would give other values: a factorization may be kept while it stays the same.
+  virtual std::uint64_t jacobian_version() const = 0;
   /// Puts what is at its bound, up to rounding of its own row, exactly there: the largest active set.
   virtual void settle(Vec u) = 0;
   /// Takes u as the state at t_{k+1}. `f` is F(u).

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -8,10 +9,17 @@
 
 namespace sweepvi {
 
+class Predictor;
+
 /// When a step counts as solved.
 struct CertificateOptions {
   double rtol = 1e-10;    ///< -sweepvi_certificate_rtol: worst natural residual over row terms [-], > 0
   double target = 1e-14;  ///< -sweepvi_target_rtol: where the solver stops improving [-], > 0 and <= rtol
+};
+
+/// Where a step's solve starts.
+struct PredictorOptions {
+  bool active_set = true;  ///< -sweepvi_predictor active-set | none: guess by an active-set method, or the last state
 };
 
 /// What came of a step.
@@ -19,6 +27,7 @@ struct StepReport {
   bool certified = false;
   double residual = 0.0;      ///< worst ratio |u - mid(l, b, u - F)|_i / terms_i of the point found
   PetscInt iterations = 0;    ///< Newton iterations, all attempts
+  bool predicted = false;     ///< SNES accepted the predictor's guess as it was
   int rung = 0;               ///< attempt that succeeded, from 0; see StepSolver::rung_names
   std::string reason;         ///< SNES's own word on the last attempt
 };
@@ -28,7 +37,8 @@ struct StepReport {
 ///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for all i.
 ///
 /// SNES stops when the certificate is met at `target`, or stops improving below `rtol`; its own tolerances do not
-/// enter. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the other type from there, both
+/// enter. A predictor guesses the solution first (src/vi/predictor.hpp); where it is right, SNES accepts it at iteration
+/// 0. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the other type from there, both
 /// from the projection of zero.
 class StepSolver {
  public:
@@ -36,6 +46,7 @@ class StepSolver {
   ///              database has the last word
   /// @note Collective on the problem's communicator.
   StepSolver(SNES snes, Dvi& problem);
+  ~StepSolver();
   StepSolver(const StepSolver&) = delete;
   StepSolver& operator=(const StepSolver&) = delete;
 
@@ -59,7 +70,12 @@ class StepSolver {
   static PetscErrorCode form_jacobian(SNES, Vec, Mat, Mat, void*);
   static PetscErrorCode converged(SNES, PetscInt, PetscReal, PetscReal, PetscReal, SNESConvergedReason*, void*);
   void configure(SNES snes);
+  static void lift_step_limit(SNES snes);
   SNES other_snes();
+  void choose_scale();
+  double settled_ratio(Vec u);
+  bool predict();
+  Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
   PetscInt attempt(bool other_type, bool cold, std::string& reason);
 
@@ -68,8 +84,12 @@ class StepSolver {
   NonlinearSolver other_;
   std::string chosen_type_;
   CertificateOptions certificate_;
+  PredictorOptions predictor_options_;
   Matrix jacobian_;
-  Vector u_, f_, snes_f_, lower_, upper_, guess_, terms_, settled_;
+  std::unique_ptr<Predictor> predictor_;
+  Vector u_, f_, lower_, upper_, guess_, terms_, settled_;
+  double sigma_ = 1.0;  // SNES works on sigma u and sigma F
+  Vector snes_f_, snes_lower_, snes_upper_, unscaled_;
   double previous_ratio_ = 0.0;
   std::array<std::int64_t, 4> rungs_{};
   std::exception_ptr parked_;

@@ -2,7 +2,7 @@
 
 #include "app/options.hpp"
 #include "model/from_scene.hpp"
-#include "parallel/partition.hpp"
+#include "sweepvi/partition.hpp"
 
 namespace sweepvi::app {
 

@@ -107,6 +107,7 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
     march.observe([&](const Step& step, const StepReport& step_report) {
       const double solved = MPI_Wtime();
       summary.snes_iterations += step_report.iterations;
+      summary.predictor_hits += step_report.predicted ? 1 : 0;
       summary.max_residual = std::max(summary.max_residual, step_report.residual);
       summary.max_penetration = std::max(summary.max_penetration, dvi->penetration());
       std::int64_t changes[2] = {dvi->active() != active_before ? 1 : 0, 0};

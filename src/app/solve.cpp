@@ -90,6 +90,7 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   summary.exit = report.certified ? ExitCode::done : ExitCode::unsolved;
   summary.status = report.certified ? "done" : "failed";
   summary.snes_iterations = report.iterations;
+  summary.predictor_hits = report.predicted ? 1 : 0;
   summary.max_residual = report.residual;
   summary.max_penetration = vi.penetration();
   summary.rungs = solver.rungs();

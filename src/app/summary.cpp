@@ -105,7 +105,7 @@ std::string Summary::text(MPI_Comm comm) const {
   json["edge_cut"] = edge_cut;
   json["snes_type"] = snes_type;
   json["snes_iterations"] = snes_iterations;
-  json["predictor_hits"] = 0;
+  json["predictor_hits"] = predictor_hits;
   json["factorizations"] = event_count("MatLUFactorNum") + event_count("MatCholFctrNum") + event_count("MatILUFactorNum");
   json["linear_solves"] = event_count("KSPSolve");
   json["active_changes"] = active_changes;

@@ -18,6 +18,7 @@ class AffineVi final : public Dvi {
   void residual(Vec u, Vec f) override { check(MatMultAdd(M_.get(), u, q_.get(), f)); }
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec, Mat jacobian) override { check(MatCopy(M_.get(), jacobian, SAME_NONZERO_PATTERN)); }
+  std::uint64_t jacobian_version() const override { return 0; }  // constant
   void settle(Vec) override {}
   void accept(Vec u, Vec) override { check(VecCopy(u, u_.get())); }
   double penetration() const override;

@@ -26,6 +26,7 @@ class BoxOnZ final : public ConstrainedDvi {
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
+  std::uint64_t jacobian_version() const override { return 0; }  // constant
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
   double penetration() const override { return levels_.penetration(comm()); }

@@ -225,7 +225,9 @@ void PrimalDual::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
     for (std::size_t a = 0; a < levels_.constraints(); ++a) {
       for (int i = 1; i <= levels_.levels(a); ++i) {
         const std::size_t q = levels_.at(a, i);
-        pinned_[q] = i > levels_.level[a] ? 1 : 0;
+        const char pin = i > levels_.level[a] ? 1 : 0;
+        if (pin != pinned_[q]) ++pinned_version_;
+        pinned_[q] = pin;
         if (!pinned(q)) l[local_x_ + static_cast<PetscInt>(q)] = 0.0;
       }
     }

@@ -33,6 +33,7 @@ class PrimalDual final : public ConstrainedDvi {
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
+  std::uint64_t jacobian_version() const override { return pinned_version_; }
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
   double penetration() const override { return levels_.penetration(comm()); }
@@ -78,6 +79,7 @@ class PrimalDual final : public ConstrainedDvi {
   Vector phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
   Vector rhs_, rhs_terms_, work_, terms_;
   std::vector<char> pinned_;          // local multipliers
+  std::uint64_t pinned_version_ = 0;  // counts changes of pinned_
   std::vector<PetscInt> unit_state_;  // local state that an output is, or -1
   std::vector<double> unit_scale_;
   std::vector<double> settled_z_;

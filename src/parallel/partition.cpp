@@ -1,4 +1,4 @@
-#include "parallel/partition.hpp"
+#include "sweepvi/partition.hpp"
 
 #include <metis.h>
 

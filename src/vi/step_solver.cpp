@@ -7,12 +7,15 @@
 #include <petsc/private/snesimpl.h>
 
 #include "petsc/sparse.hpp"
+#include "vi/predictor.hpp"
 
 namespace sweepvi {
 
 namespace {
 
-void read_options(MPI_Comm comm, CertificateOptions& options) {
+void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& predictor) {
+  constexpr std::array<const char*, 2> predictors = {"none", "active-set"};
+  PetscInt chosen = predictor.active_set ? 1 : 0;
   const auto read = [&]() -> PetscErrorCode {
     PetscFunctionBeginUser;
     PetscOptionsBegin(comm, nullptr, "sweepvi: step certificate", "sweepvi");
@@ -20,10 +23,13 @@ void read_options(MPI_Comm comm, CertificateOptions& options) {
                                "CertificateOptions", options.rtol, &options.rtol, nullptr));
     PetscCall(PetscOptionsReal("-sweepvi_target_rtol", "Ratio at which the solver stops improving a step [-], > 0",
                                "CertificateOptions", options.target, &options.target, nullptr));
+    PetscCall(PetscOptionsEList("-sweepvi_predictor", "How a step's solution is guessed before SNES", "PredictorOptions",
+                                predictors.data(), 2, predictors[static_cast<std::size_t>(chosen)], &chosen, nullptr));
     PetscOptionsEnd();
     PetscFunctionReturn(0);
   };
   check(read());
+  predictor.active_set = chosen == 1;
   if (!(options.rtol > 0.0 && options.rtol < 1.0))
     throw InputError(
         "-sweepvi_certificate_rtol is outside (0, 1); it bounds the natural residual over row terms, 1e-10 by default");
@@ -36,11 +42,12 @@ double mid(double l, double b, double v) { return std::min(std::max(v, l), b); }
 }  // namespace
 
 StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes) {
-  read_options(problem.comm(), certificate_);
+  read_options(problem.comm(), certificate_, predictor_options_);
   jacobian_ = problem.create_jacobian();
-  for (Vector* vector : {&u_, &f_, &snes_f_, &lower_, &upper_, &guess_, &terms_, &settled_}) *vector = duplicate(problem.state());
-  check(VecSet(lower_.get(), PETSC_NINFINITY));
-  check(VecSet(upper_.get(), PETSC_INFINITY));
+  for (Vector* vector : {&u_, &f_, &snes_f_, &lower_, &upper_, &guess_, &terms_, &settled_, &snes_lower_,
+                         &snes_upper_, &unscaled_}) *vector = duplicate(problem.state());
+  for (Vector* bound : {&lower_, &snes_lower_}) check(VecSet(bound->get(), PETSC_NINFINITY));
+  for (Vector* bound : {&upper_, &snes_upper_}) check(VecSet(bound->get(), PETSC_INFINITY));
 
   check(SNESSetType(snes_, SNESVINEWTONRSLS));
   configure(snes_);
@@ -49,7 +56,10 @@ StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes)
   chosen_type_ = type;
   if (chosen_type_ != SNESVINEWTONRSLS && chosen_type_ != SNESVINEWTONSSLS)
     throw InputError("-snes_type " + chosen_type_ + " does not solve box VIs; use vinewtonrsls or vinewtonssls");
+  if (predictor_options_.active_set) predictor_ = std::make_unique<Predictor>(problem, jacobian_.get());
 }
+
+StepSolver::~StepSolver() = default;
 
 // Defaults first, the options database last.
 void StepSolver::configure(SNES snes) {
@@ -57,7 +67,7 @@ void StepSolver::configure(SNES snes) {
   check(SNESSetJacobian(snes, jacobian_.get(), jacobian_.get(), form_jacobian, this));
   check(SNESSetConvergenceTest(snes, converged, this, nullptr));
   check(SNESSetTolerances(snes, 0.0, 0.0, 0.0, 100, PETSC_MAX_INT));
-  check(SNESVISetVariableBounds(snes, lower_.get(), upper_.get()));
+  check(SNESVISetVariableBounds(snes, snes_lower_.get(), snes_upper_.get()));
   KSP ksp = nullptr;
   PC pc = nullptr;
   check(SNESGetKSP(snes, &ksp));
@@ -69,6 +79,23 @@ void StepSolver::configure(SNES snes) {
   // -snes_vi_zero_tolerance. PETSc has no setter for it.
   snes->vizerotolerance = 0.0;
   check(SNESSetFromOptions(snes));
+  lift_step_limit(snes);
+}
+
+// The line search must not cut steps by their absolute length, as PETSc's default of 1e8 does; a change of type resets it.
+void StepSolver::lift_step_limit(SNES snes) {
+  constexpr PetscReal petsc_default = 1e8;
+  SNESLineSearch search = nullptr;
+  check(SNESGetLineSearch(snes, &search));
+  PetscReal shortest = 0.0;
+  PetscReal longest = 0.0;
+  PetscReal rtol = 0.0;
+  PetscReal atol = 0.0;
+  PetscReal step_tolerance = 0.0;
+  PetscInt iterations = 0;
+  check(SNESLineSearchGetTolerances(search, &shortest, &longest, &rtol, &atol, &step_tolerance, &iterations));
+  if (longest == petsc_default) longest = PETSC_MAX_REAL;
+  check(SNESLineSearchSetTolerances(search, shortest, longest, rtol, atol, step_tolerance, iterations));
 }
 
 // The SNESVI type that was not chosen, made when it is first needed. A SNES of its own: a change of type would leave
@@ -78,19 +105,50 @@ SNES StepSolver::other_snes() {
     check(SNESCreate(problem_.comm(), other_.put()));
     configure(other_.get());
     check(SNESSetType(other_.get(), chosen_type_ == SNESVINEWTONRSLS ? SNESVINEWTONSSLS : SNESVINEWTONRSLS));
-    check(SNESVISetVariableBounds(other_.get(), lower_.get(), upper_.get()));
+    check(SNESVISetVariableBounds(other_.get(), snes_lower_.get(), snes_upper_.get()));
+    lift_step_limit(other_.get());
   }
   return other_.get();
 }
 
-PetscErrorCode StepSolver::form_function(SNES, Vec u, Vec f, void* context) {
+// SNES sees sigma u and sigma F: the Jacobian stays.
+PetscErrorCode StepSolver::form_function(SNES, Vec scaled_u, Vec f, void* context) {
   auto& self = *static_cast<StepSolver*>(context);
-  return guarded(self.parked_, [&] { self.problem_.residual(u, f); });
+  return guarded(self.parked_, [&] {
+    self.problem_.residual(self.unscaled(scaled_u), f);
+    check(VecScale(f, self.sigma_));
+  });
 }
 
-PetscErrorCode StepSolver::form_jacobian(SNES, Vec u, Mat, Mat jacobian, void* context) {
+PetscErrorCode StepSolver::form_jacobian(SNES, Vec scaled_u, Mat, Mat jacobian, void* context) {
   auto& self = *static_cast<StepSolver*>(context);
-  return guarded(self.parked_, [&] { self.problem_.jacobian(u, jacobian); });
+  return guarded(self.parked_, [&] { self.problem_.jacobian(self.unscaled(scaled_u), jacobian); });
+}
+
+Vec StepSolver::unscaled(Vec scaled_u) {
+  check(VecCopy(scaled_u, unscaled_.get()));
+  check(VecScale(unscaled_.get(), 1.0 / sigma_));
+  return unscaled_.get();
+}
+
+// PETSc's absolute thresholds (the semismooth derivative switches below 1e-6) must lie below the rounding of the
+// step's own numbers: sigma is the power of two, exact in every product, that brings the largest row term to 2^40.
+void StepSolver::choose_scale() {
+  problem_.row_terms(guess_.get(), terms_.get());
+  double largest = 0.0;
+  check(VecNorm(terms_.get(), NORM_INFINITY, &largest));
+  const bool ordinary = largest > 0.0 && std::isfinite(largest);
+  sigma_ = ordinary ? std::ldexp(1.0, std::clamp(40 - std::ilogb(largest), -1000, 1000)) : 1.0;
+  const auto scale = [&](const Vector& bounds, const Vector& scaled) {
+    const ReadArray from(bounds.get());
+    const WriteArray to(scaled.get());
+    for (PetscInt i = 0; i < from.size(); ++i) {
+      const bool infinite = from[i] <= PETSC_NINFINITY || from[i] >= PETSC_INFINITY;
+      to[i] = infinite ? from[i] : sigma_ * from[i];
+    }
+  };
+  scale(lower_, snes_lower_);
+  scale(upper_, snes_upper_);
 }
 
 // Our own test: the certificate of the settled point, and whether it still improves.
@@ -100,10 +158,8 @@ PetscErrorCode StepSolver::converged(SNES snes, PetscInt iteration, PetscReal, P
   return guarded(self.parked_, [&] {
     Vec u = nullptr;
     check(SNESGetSolution(snes, &u));
-    check(VecCopy(u, self.settled_.get()));
-    self.problem_.settle(self.settled_.get());
-    const double ratio = self.worst_ratio(self.settled_.get());
-    const bool improves = iteration == 0 || ratio < 0.25 * self.previous_ratio_;
+    const double ratio = self.settled_ratio(self.unscaled(u));
+    const bool improves = iteration == 0 || ratio < 0.9 * self.previous_ratio_;
     self.previous_ratio_ = ratio;
     if (!std::isfinite(ratio)) {
       *reason = SNES_DIVERGED_FNORM_NAN;
@@ -113,6 +169,23 @@ PetscErrorCode StepSolver::converged(SNES snes, PetscInt iteration, PetscReal, P
       *reason = SNES_CONVERGED_ITERATING;
     }
   });
+}
+
+// The certificate of what `u` settles to; `u` itself is left alone.
+double StepSolver::settled_ratio(Vec u) {
+  check(VecCopy(u, settled_.get()));
+  problem_.settle(settled_.get());
+  return worst_ratio(settled_.get());
+}
+
+// Replaces the guess by the predictor's if that one is good to rounding.
+bool StepSolver::predict() {
+  if (!predictor_) return false;
+  check(VecCopy(guess_.get(), u_.get()));
+  const auto ratio = [this](Vec u) { return settled_ratio(u); };
+  if (!predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio)) return false;
+  check(VecCopy(u_.get(), guess_.get()));
+  return true;
 }
 
 double StepSolver::worst_ratio(Vec u) {
@@ -144,8 +217,10 @@ PetscInt StepSolver::attempt(bool other_type, bool cold, std::string& reason) {
   } else {
     check(VecCopy(guess_.get(), u_.get()));
   }
+  check(VecScale(u_.get(), sigma_));
   const PetscErrorCode code = SNESSolve(snes, nullptr, u_.get());
   check(code, parked_);
+  check(VecScale(u_.get(), 1.0 / sigma_));
   PetscInt iterations = 0;
   check(SNESGetIterationNumber(snes, &iterations));
   const char* text = nullptr;
@@ -156,6 +231,8 @@ PetscInt StepSolver::attempt(bool other_type, bool cold, std::string& reason) {
 
 StepReport StepSolver::solve(const Step& step) {
   problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
+  choose_scale();
+  const bool predicted = predict();
   StepReport best;
   best.residual = std::numeric_limits<double>::infinity();
   PetscInt iterations = 0;
@@ -167,6 +244,7 @@ StepReport StepSolver::solve(const Step& step) {
     problem_.settle(u_.get());
     report.residual = worst_ratio(u_.get());
     report.certified = report.residual <= certificate_.rtol;
+    report.predicted = predicted && rung == 0 && iterations == 0;
     if (report.certified) {
       report.iterations = iterations;
       ++rungs_[static_cast<std::size_t>(rung)];

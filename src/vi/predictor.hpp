@@ -1,0 +1,44 @@
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "sweepvi/dvi.hpp"
+
+namespace sweepvi {
+
+/// Guesses a step's solution by its active set: semismooth Newton on the natural residual u - mid(l, b, u - F),
+///
+///     rows with u - F <= l:  u_new = l;   with u - F >= b:  u_new = b;   the others:  F(u) + J (u_new - u) = 0,
+///
+/// until the guess is certified or the sets repeat. Active rows become identity rows instead of being cut out, so the
+/// pattern is the same in every step: one symbolic factorization a run, a numeric one when the active set (or the
+/// Jacobian) has changed, none otherwise.
+/// Source: M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888 (primal-dual active set strategy).
+class Predictor {
+ public:
+  /// @note Collective. The linear solver reads the same options as SNES's own (-ksp_type, -pc_type, ...).
+  Predictor(Dvi& problem, Mat pattern);
+  Predictor(const Predictor&) = delete;
+  Predictor& operator=(const Predictor&) = delete;
+
+  /// Worst certificate ratio of the point that u settles to.
+  using Ratio = std::function<double(Vec u)>;
+
+  /// Improves `u`, a guess on entry. @return true if `ratio` fell to `target` @note Collective.
+  bool improve(Vec u, Vec lower, Vec upper, double target, const Ratio& ratio);
+
+ private:
+  bool classify(Vec u, Vec f, Vec lower, Vec upper);
+  bool solve(Vec u);
+
+  Dvi& problem_;
+  Matrix jacobian_;
+  LinearSolver solver_;
+  Vector f_, right_side_, step_;
+  std::vector<PetscInt> active_, factored_;  // global rows at a bound; those of the current factorization
+  std::uint64_t factored_version_ = 0;
+  bool has_factor_ = false;
+};
+
+}  // namespace sweepvi

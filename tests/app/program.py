@@ -1,0 +1,85 @@
+"""Runs the program as a user would, for the Python tests."""
+
+import json
+import os
+import signal
+import subprocess
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+PROGRAM = os.environ["SWEEPVI"]
+SOURCE = Path(os.environ.get("SWEEPVI_SOURCE", Path(__file__).resolve().parents[2]))
+PROCESSORS = 2
+
+SUMMARY_KEYS = set(
+    "exit status steps seconds_total seconds_setup seconds_stepping seconds_per_step matmult_seconds"
+    " matmults_per_step ranks unknowns constraints jacobian_nonzeros edge_cut snes_type snes_iterations"
+    " predictor_hits factorizations linear_solves active_changes rungs max_residual max_penetration peak_rss_bytes"
+    " unused_options".split()
+)
+
+ENVIRONMENT = {
+    "OMPI_MCA_ess_singleton_isolated": "1",  # without mpiexec: no daemon, half the start-up time
+    "OMPI_MCA_mpi_yield_when_idle": "1",  # more ranks than processors: waiting must not keep others from working
+    # One rank's exit code ends the job; mpiexec need not wait 1 s for the others, which have left MPI_Finalize as well.
+    "OMPI_MCA_odls_base_sigkill_timeout": "0",
+}
+
+
+@dataclass
+class Outcome:
+    """What a run left: exit code, standard output and standard error."""
+
+    command: str
+    code: int
+    out: str
+    err: str
+
+    def __str__(self):
+        return f"{self.command}\nexit {self.code}\n--- standard output\n{self.out}\n--- standard error\n{self.err}"
+
+
+def run(*words, ranks=1, cwd=None, env=None, timeout=60):
+    """`sweepvi WORDS...`; on one rank without mpiexec. A run that hangs is an AssertionError."""
+    command = [PROGRAM, *map(str, words)]
+    if ranks > 1:
+        command = ["mpiexec", "--oversubscribe", "-n", str(ranks), *command]
+    process = subprocess.Popen(
+        command,
+        cwd=cwd,
+        env={**os.environ, **ENVIRONMENT, **(env or {})},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
+    try:
+        out, err = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise AssertionError(f"did not end within {timeout} s: {' '.join(command)}") from None
+    return Outcome(" ".join(command), process.returncode, out, err)
+
+
+def run_all(work, items, ranks=1):
+    """[work(item) for item in items], as many at a time as there are processors for."""
+    with ThreadPoolExecutor(max(1, PROCESSORS // ranks)) as pool:
+        return list(pool.map(work, items))
+
+
+def temporary_folder():
+    return tempfile.TemporaryDirectory(prefix="sweepvi_")
+
+
+def content(folder):
+    """Every file below the folder, by name."""
+    folder = Path(folder)
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def read_json(path):
+    return json.loads(Path(path).read_text())

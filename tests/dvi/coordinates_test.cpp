@@ -1,0 +1,184 @@
+// timeout: 200
+// AB (65) behind changes of coordinates, alone and in mixed copies, forced and not: the outputs do not care.
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <random>
+
+#include "dvi/systems.hpp"
+#include "sweepvi/partition.hpp"
+
+namespace sweepvi::test {
+namespace {
+
+constexpr PetscInt steps = 1000;
+constexpr double t_end = 10.0;
+
+Eigen::MatrixXd a65() {
+  Eigen::MatrixXd a(5, 5);
+  a << 0, 1, 0, 0, 0, 0, 0, 1, 0, 0, -1, -1, -1, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0, -1, 0;
+  return a;
+}
+
+std::vector<double> row_major(const Eigen::MatrixXd& m) {
+  std::vector<double> values;
+  for (Eigen::Index i = 0; i < m.rows(); ++i)
+    for (Eigen::Index j = 0; j < m.cols(); ++j) values.push_back(m(i, j));
+  return values;
+}
+
+/// Orthogonal factors of random matrices around singular values in [1/2, 2]: condition 4 at most.
+Eigen::MatrixXd random_dense(Eigen::Index n, unsigned seed) {
+  std::mt19937 generator(seed);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> uniform(0.5, 2.0);
+  const auto orthogonal = [&] {
+    const Eigen::MatrixXd random = Eigen::MatrixXd::NullaryExpr(n, n, [&] { return normal(generator); });
+    return Eigen::MatrixXd(Eigen::HouseholderQR<Eigen::MatrixXd>(random).householderQ());
+  };
+  const Eigen::MatrixXd left = orthogonal();
+  const Eigen::MatrixXd right = orthogonal();
+  const Eigen::VectorXd values = Eigen::VectorXd::NullaryExpr(n, [&] { return uniform(generator); });
+  return left * values.asDiagonal() * right;
+}
+
+/// A few entries per row beside the diagonal, small enough for a good condition.
+Eigen::MatrixXd random_sparse(Eigen::Index n, unsigned seed) {
+  std::mt19937 generator(seed);
+  std::uniform_int_distribution<Eigen::Index> where(0, n - 1);
+  std::uniform_real_distribution<double> what(-0.3, 0.3);
+  Eigen::MatrixXd t = Eigen::MatrixXd::Identity(n, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (int k = 0; k < 2; ++k) t(i, where(generator)) += what(generator);
+  return t;
+}
+
+struct Trajectory {
+  std::vector<std::vector<double>> x;         // per step, in the system's coordinates
+  std::vector<std::vector<double>> z;         // per step, constraint by constraint, this rank's
+  std::vector<PetscInt> constraint;           // this rank's
+  std::vector<int> degree;                    // this rank's
+  PetscInt unknowns = 0;
+};
+
+Trajectory march(LinearSystem system, const char* snes_type) {
+  const ScopedOption type("-snes_type", snes_type);
+  RelativeDegree degree = analyse_relative_degree(system);
+  distribute(system, degree);
+  const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, choose_form(Scheme::homsp, degree), 0.0,
+                                   t_end / static_cast<double>(steps));
+  Trajectory trajectory;
+  trajectory.constraint = system.constraint_order;
+  trajectory.degree = degree.degree;
+  check(VecGetSize(dvi->state(), &trajectory.unknowns));
+  TimeMarch time_march(*dvi, 0.0, t_end, steps);
+  time_march.observe([&](const Step&, const StepReport&) {
+    trajectory.x.push_back(in_scene_order(system, everywhere(dvi->x())));
+    trajectory.z.push_back(dvi->z());
+  });
+  EXPECT_TRUE(time_march.run().certified);
+  EXPECT_EQ(time_march.steps_taken(), steps);
+  return trajectory;
+}
+
+/// x' = T A T^{-1} x + ..., w = C T^{-1} x for `copies` copies of AB (65) with starts scale_i (1, 0, 0, 0, 0).
+LinearSystem lifted(const Eigen::MatrixXd& t, int copies, const std::vector<Signal>& f) {
+  const Eigen::Index n = 5 * copies;
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(n, n);
+  Eigen::MatrixXd b = Eigen::MatrixXd::Zero(n, copies);
+  Eigen::MatrixXd c = Eigen::MatrixXd::Zero(copies, n);
+  Eigen::VectorXd x0 = Eigen::VectorXd::Zero(n);
+  for (int i = 0; i < copies; ++i) {
+    a.block(5 * i, 5 * i, 5, 5) = a65();
+    b(5 * i + 2, i) = 1.0;
+    c(i, 5 * i) = 1.0;
+    x0(5 * i) = 1.0;
+  }
+  const Eigen::MatrixXd inverse = t.inverse();
+  return LinearSystem::dense(PETSC_COMM_WORLD, static_cast<PetscInt>(n), copies, row_major(t * a * inverse),
+                             row_major(t * b), row_major(c * inverse), row_major(t * x0), {}, f);
+}
+
+/// The same run in the plain coordinates: 5 unknowns, box on z. Its x is (z1, z2 - g2, z3 - g3, xi).
+Trajectory plain(const std::vector<Signal>& f) { return march(example65(PETSC_COMM_WORLD, f), SNESVINEWTONRSLS); }
+
+void expect_same(const Trajectory& reference, const Trajectory& trajectory, const Eigen::MatrixXd& t, int copies) {
+  ASSERT_EQ(reference.x.size(), trajectory.x.size());
+  // Rounding of 1000 steps, through T and its inverse (condition below 10), on values of size 3: far below 1e-9.
+  double worst_x = 0.0;
+  for (std::size_t k = 0; k < reference.x.size(); ++k) {
+    Eigen::VectorXd z(5 * copies);
+    for (int i = 0; i < 5 * copies; ++i) z(i) = reference.x[k][static_cast<std::size_t>(i % 5)];
+    const Eigen::VectorXd x = t * z;
+    for (Eigen::Index i = 0; i < x.size(); ++i)
+      worst_x = std::max(worst_x, std::abs(x(i) - trajectory.x[k][static_cast<std::size_t>(i)]));
+  }
+  EXPECT_LE(worst_x, 1e-9);
+  for (const int r : trajectory.degree) EXPECT_EQ(r, 3);
+}
+
+void expect_same_outputs(const Trajectory& reference, const Trajectory& trajectory) {
+  // The scalar run's outputs live on rank 0, whose constraint it is.
+  std::vector<double> outputs(reference.x.size() * 3, 0.0);
+  if (!reference.constraint.empty())
+    for (std::size_t k = 0; k < reference.z.size(); ++k)
+      std::copy(reference.z[k].begin(), reference.z[k].end(), outputs.begin() + static_cast<std::ptrdiff_t>(3 * k));
+  MPI_Bcast(outputs.data(), static_cast<int>(outputs.size()), MPI_DOUBLE, 0, PETSC_COMM_WORLD);
+  double worst = 0.0;
+  for (std::size_t k = 0; k < trajectory.z.size(); ++k)
+    for (std::size_t q = 0; q < trajectory.z[k].size(); ++q)
+      {double e=std::abs(trajectory.z[k][q] - outputs[3 * k + q % 3]); if(e>1e-9) printf("k %zu q %zu: %g vs %g\n",k,q,trajectory.z[k][q],outputs[3 * k + q % 3]); worst = std::max(worst,e);}
+  EXPECT_LE(worst, 1e-9);
+}
+
+TEST(Coordinates, RandomChangeOfOneSystem) {
+  const Trajectory reference = plain({});
+  EXPECT_EQ(reference.unknowns, 5);
+  const Eigen::MatrixXd t = random_dense(5, 7);
+  for (const char* type : {SNESVINEWTONRSLS, SNESVINEWTONSSLS}) {
+    const Trajectory trajectory = march(lifted(t, 1, {}), type);
+    EXPECT_EQ(trajectory.unknowns, 8);  // outputs are no states here: a multiplier per level
+    expect_same(reference, trajectory, t, 1);
+    expect_same_outputs(reference, trajectory);
+  }
+}
+
+TEST(Coordinates, TenCopiesMixedBySparseCoordinates) {
+  const Trajectory reference = plain({});
+  const Eigen::MatrixXd t = random_sparse(50, 3);
+  const Trajectory trajectory = march(lifted(t, 10, {}), SNESVINEWTONRSLS);
+  EXPECT_EQ(trajectory.unknowns, 80);
+  expect_same(reference, trajectory, t, 10);
+  expect_same_outputs(reference, trajectory);
+}
+
+// z1' = z2 with z2 = x2 + f1: the forcing enters the outputs with its derivatives. In contact z stays exactly zero.
+TEST(Coordinates, ForcingAtLevelOneLeavesNoSpikesInContact) {
+  const Signal wave{0.05, 0.2, 0.35, 0.4};
+  const std::vector<Signal> f = {wave, {}, {}, {}, {}};
+  const Trajectory reference = plain(f);
+  PetscInt contact = 0;
+  for (std::size_t k = 1; k < reference.z.size() && !reference.constraint.empty(); ++k) {
+    const std::vector<double>& z = reference.z[k];
+    const std::vector<double>& before = reference.z[k - 1];
+    if (before[0] == 0.0 && before[1] == 0.0 && before[2] == 0.0 && z[0] == 0.0) {
+      ++contact;
+      EXPECT_EQ(z[1], 0.0) << k;
+      EXPECT_EQ(z[2], 0.0) << k;
+    }
+  }
+  if (!reference.constraint.empty()) {
+    EXPECT_GT(contact, 50);
+  }
+
+  const Eigen::MatrixXd t = random_dense(5, 11);
+  std::vector<Signal> mixed;  // T f: every row carries the same wave, scaled
+  for (Eigen::Index i = 0; i < 5; ++i)
+    mixed.push_back({t(i, 0) * wave.offset, t(i, 0) * wave.amplitude, wave.frequency, wave.phase});
+  const Trajectory trajectory = march(lifted(t, 1, mixed), SNESVINEWTONRSLS);
+  expect_same(reference, trajectory, t, 1);
+  expect_same_outputs(reference, trajectory);
+}
+
+}  // namespace
+}  // namespace sweepvi::test
