@@ -69,7 +69,7 @@ class StepSolver {
   static PetscErrorCode form_function(SNES, Vec, Vec, void*);
   static PetscErrorCode form_jacobian(SNES, Vec, Mat, Mat, void*);
   static PetscErrorCode converged(SNES, PetscInt, PetscReal, PetscReal, PetscReal, SNESConvergedReason*, void*);
-  void configure(SNES snes);
+  void configure(SNES snes, const char* type);
   static void lift_step_limit(SNES snes);
   SNES other_snes();
   void choose_scale();

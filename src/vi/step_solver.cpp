@@ -49,25 +49,25 @@ StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes)
   for (Vector* bound : {&lower_, &snes_lower_}) check(VecSet(bound->get(), PETSC_NINFINITY));
   for (Vector* bound : {&upper_, &snes_upper_}) check(VecSet(bound->get(), PETSC_INFINITY));
 
-  check(SNESSetType(snes_, SNESVINEWTONRSLS));
-  configure(snes_);
-  SNESType type = nullptr;
-  check(SNESGetType(snes_, &type));
-  chosen_type_ = type;
+  std::array<char, 64> asked{};
+  PetscBool given = PETSC_FALSE;
+  const char* prefix = nullptr;
+  check(SNESGetOptionsPrefix(snes_, &prefix));
+  check(PetscOptionsGetString(nullptr, prefix, "-snes_type", asked.data(), asked.size(), &given));
+  chosen_type_ = given == PETSC_TRUE ? asked.data() : SNESVINEWTONRSLS;
   if (chosen_type_ != SNESVINEWTONRSLS && chosen_type_ != SNESVINEWTONSSLS)
     throw InputError("-snes_type " + chosen_type_ + " does not solve box VIs; use vinewtonrsls or vinewtonssls");
+  configure(snes_, chosen_type_.c_str());
   if (predictor_options_.active_set) predictor_ = std::make_unique<Predictor>(problem, jacobian_.get());
 }
 
 StepSolver::~StepSolver() = default;
 
-// Defaults first, the options database last.
-void StepSolver::configure(SNES snes) {
-  check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
-  check(SNESSetJacobian(snes, jacobian_.get(), jacobian_.get(), form_jacobian, this));
-  check(SNESSetConvergenceTest(snes, converged, this, nullptr));
+// Defaults first, then the options database, then what is not open to options. The type comes before all: changing it
+// resets the convergence test and the line search.
+void StepSolver::configure(SNES snes, const char* type) {
+  check(SNESSetType(snes, type));
   check(SNESSetTolerances(snes, 0.0, 0.0, 0.0, 100, PETSC_MAX_INT));
-  check(SNESVISetVariableBounds(snes, snes_lower_.get(), snes_upper_.get()));
   KSP ksp = nullptr;
   PC pc = nullptr;
   check(SNESGetKSP(snes, &ksp));
@@ -79,10 +79,15 @@ void StepSolver::configure(SNES snes) {
   // -snes_vi_zero_tolerance. PETSc has no setter for it.
   snes->vizerotolerance = 0.0;
   check(SNESSetFromOptions(snes));
+  check(SNESSetType(snes, type));  // -snes_type names the chosen one only
   lift_step_limit(snes);
+  check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
+  check(SNESSetJacobian(snes, jacobian_.get(), jacobian_.get(), form_jacobian, this));
+  check(SNESSetConvergenceTest(snes, converged, this, nullptr));
+  check(SNESVISetVariableBounds(snes, snes_lower_.get(), snes_upper_.get()));
 }
 
-// The line search must not cut steps by their absolute length, as PETSc's default of 1e8 does; a change of type resets it.
+// The line search must not cut steps by their absolute length, as PETSc's default of 1e8 does.
 void StepSolver::lift_step_limit(SNES snes) {
   constexpr PetscReal petsc_default = 1e8;
   SNESLineSearch search = nullptr;
@@ -103,10 +108,7 @@ void StepSolver::lift_step_limit(SNES snes) {
 SNES StepSolver::other_snes() {
   if (!other_) {
     check(SNESCreate(problem_.comm(), other_.put()));
-    configure(other_.get());
-    check(SNESSetType(other_.get(), chosen_type_ == SNESVINEWTONRSLS ? SNESVINEWTONSSLS : SNESVINEWTONRSLS));
-    check(SNESVISetVariableBounds(other_.get(), snes_lower_.get(), snes_upper_.get()));
-    lift_step_limit(other_.get());
+    configure(other_.get(), chosen_type_ == SNESVINEWTONRSLS ? SNESVINEWTONSSLS : SNESVINEWTONRSLS);
   }
   return other_.get();
 }

@@ -46,23 +46,33 @@ def run(*words, ranks=1, cwd=None, env=None, timeout=60):
     command = [PROGRAM, *map(str, words)]
     if ranks > 1:
         command = ["mpiexec", "--oversubscribe", "-n", str(ranks), *command]
-    process = subprocess.Popen(
-        command,
-        cwd=cwd,
-        env={**os.environ, **ENVIRONMENT, **(env or {})},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        start_new_session=True,
-    )
+    with temporary_folder() as session:  # where MPI keeps its own files; shared, runs side by side remove each other's
+        process = subprocess.Popen(
+            command,
+            cwd=cwd,
+            env={**os.environ, **ENVIRONMENT, "OMPI_MCA_orte_tmpdir_base": session, **(env or {})},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        try:
+            out, err = process.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            end(process)
+            raise AssertionError(f"did not end within {timeout} s: {' '.join(command)}") from None
+    return Outcome(" ".join(command), process.returncode, out, err)
+
+
+def end(process):
+    """mpiexec puts its ranks into groups of their own; asked politely, it ends them."""
+    process.terminate()
     try:
-        out, err = process.communicate(timeout=timeout)
+        process.communicate(timeout=10)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
-        raise AssertionError(f"did not end within {timeout} s: {' '.join(command)}") from None
-    return Outcome(" ".join(command), process.returncode, out, err)
 
 
 def run_all(work, items, ranks=1):
