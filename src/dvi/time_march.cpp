@@ -65,6 +65,7 @@ struct TimeMarch::Impl {
 
 TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
     : impl_(new Impl{problem, start, end, steps, {}, nullptr, {}, {}, nullptr}) {
+  impl_->last.certified = true;  // nothing has failed yet
   check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
   check(TSCreate(problem.comm(), impl_->ts.put()));
   TS ts = impl_->ts.get();
