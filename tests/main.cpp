@@ -1,4 +1,5 @@
-// Every test program: MPI and PETSc up, all tests on all ranks in the same order, the ranks' failures added up.
+// Every test program: MPI and PETSc up, all tests on all ranks in the same order, the ranks' failures added
+// up.
 #include <gtest/gtest.h>
 #include <mpi.h>
 
@@ -9,14 +10,15 @@
 namespace {
 
 class FailurePrinter : public testing::EmptyTestEventListener {
- public:
+public:
   explicit FailurePrinter(int rank) : rank_(rank) {}
   void OnTestPartResult(const testing::TestPartResult& result) override {
     if (result.failed())
-      std::fprintf(stderr, "[rank %d] %s:%d: %s\n", rank_, result.file_name(), result.line_number(), result.message());
+      std::fprintf(stderr, "[rank %d] %s:%d: %s\n", rank_, result.file_name(), result.line_number(),
+                   result.message());
   }
 
- private:
+private:
   int rank_;
 };
 

@@ -9,10 +9,10 @@ namespace sweepvi {
 
 /// One step t_k -> t_{k+1}.
 struct Step {
-  PetscInt number = 0;   ///< k + 1
-  double t_old = 0.0;    ///< t_k [s]
-  double t_new = 0.0;    ///< t_{k+1} [s]
-  double h = 0.0;        ///< [s]
+  PetscInt number = 0;  ///< k + 1
+  double t_old = 0.0;   ///< t_k [s]
+  double t_new = 0.0;   ///< t_{k+1} [s]
+  double h = 0.0;       ///< [s]
 };
 
 /// What happened to a constraint in a step.
@@ -27,13 +27,14 @@ struct StepEvent {
 ///
 ///     F_i(u) >= 0 where u_i = l_i,   F_i(u) <= 0 where u_i = b_i,   F_i(u) = 0 between.
 ///
-/// Each process is one implementation. The order of calls in a step: `begin` (the box, from what is known at t_k),
-/// then any number of `residual`, `jacobian`, `row_terms`, then `settle` once the solver is done, then `accept` if the
-/// settled point is certified. Without `accept` the state is still that of t_k, and `begin` may be called again.
+/// Each process is one implementation. The order of calls in a step: `begin` (the box, from what is known at
+/// t_k), then any number of `residual`, `jacobian`, `row_terms`, then `settle` once the solver is done, then
+/// `accept` if the settled point is certified. Without `accept` the state is still that of t_k, and `begin`
+/// may be called again.
 ///
 /// All methods are collective on `comm()`. Vectors passed in have the layout of `state()`.
 class Dvi {
- public:
+public:
   virtual ~Dvi() = default;
 
   virtual MPI_Comm comm() const = 0;
@@ -42,13 +43,15 @@ class Dvi {
   /// A matrix with the pattern of dF/du, the same in every step.
   virtual Matrix create_jacobian() const = 0;
 
-  /// Box rule: fills l and b for the step, PETSC_NINFINITY and PETSC_INFINITY where there is none, and a first guess.
+  /// Box rule: fills l and b for the step, PETSC_NINFINITY and PETSC_INFINITY where there is none, and a
+  /// first guess.
   virtual void begin(const Step& step, Vec lower, Vec upper, Vec guess) = 0;
   virtual void residual(Vec u, Vec f) = 0;
   /// Sum of the absolute values of the terms of each row of F: what its residual is judged against.
   virtual void row_terms(Vec u, Vec terms) = 0;
   virtual void jacobian(Vec u, Mat jacobian) = 0;
-  /// Changes whenever `jacobian` would give other values: a factorization may be kept while it stays the same.
+  /// Changes whenever `jacobian` would give other values: a factorization may be kept while it stays the
+  /// same.
   virtual std::uint64_t jacobian_version() const = 0;
   /// Puts what is at its bound, up to rounding of its own row, exactly there: the largest active set.
   virtual void settle(Vec u) = 0;
@@ -63,13 +66,15 @@ class Dvi {
 
 /// A Dvi for a system with state constraints, with what the recorder reads after each step.
 class ConstrainedDvi : public Dvi {
- public:
-  virtual Vec x() const = 0;                          ///< scene coordinates, the system's layout
-  virtual const std::vector<double>& w() const = 0;   ///< constraint values, this rank's
-  virtual const std::vector<double>& z() const = 0;   ///< outputs, this rank's, constraint by constraint; may be empty
-  virtual const std::vector<double>& mu() const = 0;  ///< [local constraint][level], measures of the last step
-  virtual int mu_levels() const = 0;                  ///< columns of `mu`
-  virtual const std::vector<int>& level() const = 0;  ///< r* of the last step, per local constraint
+public:
+  virtual Vec x() const = 0;                         ///< scene coordinates, the system's layout
+  virtual const std::vector<double>& w() const = 0;  ///< constraint values, this rank's
+  virtual const std::vector<double>& z()
+      const = 0;  ///< outputs, this rank's, constraint by constraint; may be empty
+  virtual const std::vector<double>& mu()
+      const = 0;                      ///< [local constraint][level], measures of the last step
+  virtual int mu_levels() const = 0;  ///< columns of `mu`
+  virtual const std::vector<int>& level() const = 0;         ///< r* of the last step, per local constraint
   virtual const std::vector<StepEvent>& events() const = 0;  ///< of the last step, this rank's
 };
 

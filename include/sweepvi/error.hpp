@@ -18,20 +18,20 @@ enum class ExitCode : int {
   output = 5      ///< output could not be written
 };
 
-/// A failure with the exit code it leads to. The message says what is wrong, where, what was found and expected,
-/// and what to do.
+/// A failure with the exit code it leads to. The message says what is wrong, where, what was found and
+/// expected, and what to do.
 class Error : public std::runtime_error {
- public:
+public:
   Error(ExitCode code, const std::string& message) : std::runtime_error(message), code_(code) {}
   ExitCode code() const noexcept { return code_; }
 
- private:
+private:
   ExitCode code_;
 };
 
 /// Shorthand for the most frequent kind.
 class InputError : public Error {
- public:
+public:
   explicit InputError(const std::string& message) : Error(ExitCode::bad_input, message) {}
 };
 

@@ -28,7 +28,8 @@ Form choose_form(Scheme scheme, const RelativeDegree& relative_degree);
 
 /// Discretises `system` with steps of `h` seconds from `t_start`. Both arguments must outlive the result.
 /// @note Collective on the system's communicator.
-std::unique_ptr<ConstrainedDvi> make_linear_dvi(const LinearSystem& system, const RelativeDegree& relative_degree,
-                                                Scheme scheme, Form form, double t_start, double h);
+std::unique_ptr<ConstrainedDvi> make_linear_dvi(const LinearSystem& system,
+                                                const RelativeDegree& relative_degree, Scheme scheme,
+                                                Form form, double t_start, double h);
 
 }  // namespace sweepvi

@@ -28,19 +28,20 @@ struct Forcing {
 
 /// A linear system with state constraints, distributed over the ranks of A's communicator:
 ///
-///     x' = A x + B lambda + f(t),   w = C x + D lambda + w0,   0 <= w  _|_  lambda >= 0 in the sense of its degree.
+///     x' = A x + B lambda + f(t),   w = C x + D lambda + w0,   0 <= w  _|_  lambda >= 0 in the sense of its
+///     degree.
 ///
-/// Rows of A and B are laid out like x, rows of C and D like w (and lambda). A rank may own nothing. The order of the
-/// rows is the solver's; `state_order` and `constraint_order` lead back to the scene's.
-/// Source: Acary & Brogliato (AB), eq. (18).
+/// Rows of A and B are laid out like x, rows of C and D like w (and lambda). A rank may own nothing. The
+/// order of the rows is the solver's; `state_order` and `constraint_order` lead back to the scene's. Source:
+/// Acary & Brogliato (AB), eq. (18).
 struct LinearSystem {
   Matrix A;  ///< n x n [1/s]
   Matrix B;  ///< n x m
   Matrix C;  ///< m x n
   Matrix D;  ///< m x m, or empty: zero
   Forcing f;
-  Vector w0;  ///< m
-  Vector x0;  ///< n, state at the start
+  Vector w0;                               ///< m
+  Vector x0;                               ///< n, state at the start
   std::vector<PetscInt> state_order;       ///< scene number of each state this rank owns
   std::vector<PetscInt> constraint_order;  ///< scene number of each constraint this rank owns
   std::vector<PetscInt> block;             ///< per owned state: the element it belongs to, kept on one rank
@@ -57,9 +58,9 @@ struct LinearSystem {
   /// @throws Error (bad_input) on every rank if sizes disagree or a number is not finite.
   /// @note Collective on `comm`; all ranks pass the same numbers.
   static LinearSystem dense(MPI_Comm comm, PetscInt n, PetscInt m, const std::vector<double>& a,
-                            const std::vector<double>& b, const std::vector<double>& c, const std::vector<double>& x0,
-                            const std::vector<double>& d = {}, const std::vector<Signal>& f = {},
-                            const std::vector<double>& w0 = {});
+                            const std::vector<double>& b, const std::vector<double>& c,
+                            const std::vector<double>& x0, const std::vector<double>& d = {},
+                            const std::vector<Signal>& f = {}, const std::vector<double>& w0 = {});
 };
 
 }  // namespace sweepvi

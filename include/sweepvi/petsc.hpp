@@ -10,7 +10,8 @@
 
 #include "sweepvi/error.hpp"
 
-static_assert(sizeof(PetscScalar) == sizeof(double), "sweepvi needs a PETSc with real, double-precision scalars");
+static_assert(sizeof(PetscScalar) == sizeof(double),
+              "sweepvi needs a PETSc with real, double-precision scalars");
 
 namespace sweepvi {
 
@@ -18,7 +19,7 @@ namespace sweepvi {
 /// Destruction is collective: same order on every rank, before PetscFinalize().
 template <class T, auto Destroy>
 class Handle {
- public:
+public:
   Handle() = default;
   Handle(Handle&& other) noexcept : object_(std::exchange(other.object_, nullptr)) {}
   Handle& operator=(Handle&& other) noexcept {
@@ -48,7 +49,7 @@ class Handle {
   }
   explicit operator bool() const noexcept { return object_ != nullptr; }
 
- private:
+private:
   T object_ = nullptr;
 };
 
@@ -63,8 +64,8 @@ using TimeStepper = Handle<TS, TSDestroy>;
 /// Turns a PETSc error code into an Error with PETSc's own text.
 void check(PetscErrorCode code);
 
-/// Runs C++ code inside a PETSc callback: an exception is parked, PETSc unwinds with PETSC_ERR_USER, and the caller
-/// of the PETSc solver throws it again with `rethrow_parked`.
+/// Runs C++ code inside a PETSc callback: an exception is parked, PETSc unwinds with PETSC_ERR_USER, and the
+/// caller of the PETSc solver throws it again with `rethrow_parked`.
 template <class F>
 PetscErrorCode guarded(std::exception_ptr& parked, F&& work) noexcept {
   try {
@@ -81,7 +82,7 @@ void check(PetscErrorCode code, std::exception_ptr& parked);
 
 /// Read access to this rank's entries of a vector, for one scope.
 class ReadArray {
- public:
+public:
   explicit ReadArray(Vec vector) : vector_(vector) {
     check(VecGetArrayRead(vector_, &data_));
     PetscInt size = 0;
@@ -95,7 +96,7 @@ class ReadArray {
   const double* data() const { return data_; }
   PetscInt size() const { return size_; }
 
- private:
+private:
   Vec vector_;
   const PetscScalar* data_ = nullptr;
   PetscInt size_ = 0;
@@ -103,7 +104,7 @@ class ReadArray {
 
 /// Read-write access to this rank's entries of a vector, for one scope.
 class WriteArray {
- public:
+public:
   explicit WriteArray(Vec vector) : vector_(vector) {
     check(VecGetArray(vector_, &data_));
     PetscInt size = 0;
@@ -117,7 +118,7 @@ class WriteArray {
   double* data() const { return data_; }
   PetscInt size() const { return size_; }
 
- private:
+private:
   Vec vector_;
   PetscScalar* data_ = nullptr;
   PetscInt size_ = 0;
@@ -126,7 +127,7 @@ class WriteArray {
 /// Initialises MPI and PETSc, finalises both. The first object in `main`: every handle dies before it.
 /// @note Collective on MPI_COMM_WORLD.
 class Session {
- public:
+public:
   /// @param words  PETSc's part of the command line, without the program's name
   Session(const std::string& program, const std::vector<std::string>& words);
   Session(int argc, char** argv);

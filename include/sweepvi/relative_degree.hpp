@@ -8,44 +8,51 @@ namespace sweepvi {
 
 /// How lambda reaches each constraint, and what follows from it.
 ///
-/// r_a = the smallest r with C_a A^{r-1} B != 0 (0 where D_a != 0). Outputs z_{a,i} = C_a A^{i-1} x + g_{a,i}(t) for
-/// i = 1 ... r_a. A measure of level i acts along d_{a,i} in span{B_a, A B_a, ..., A^{r_a-1} B_a} with
-/// z_{a,j}(d_{a,i}) = delta_ij for the constraint's own outputs; at level r that is B_a / M_aa.
+/// r_a = the smallest r with C_a A^{r-1} B != 0 (0 where D_a != 0). Outputs z_{a,i} = C_a A^{i-1} x +
+/// g_{a,i}(t) for i = 1 ... r_a. A measure of level i acts along d_{a,i} in span{B_a, A B_a, ..., A^{r_a-1}
+/// B_a} with z_{a,j}(d_{a,i}) = delta_ij for the constraint's own outputs; at level r that is B_a / M_aa.
 /// Source: AB (25)-(39) for one constraint; for many see README.md, "Many constraints".
 struct RelativeDegree {
-  std::vector<int> degree;            ///< r_a of the constraints this rank owns
-  std::vector<PetscInt> first_level;  ///< local index of output (a, 1) for each owned constraint; one more at the end
+  std::vector<int> degree;  ///< r_a of the constraints this rank owns
+  std::vector<PetscInt>
+      first_level;  ///< local index of output (a, 1) for each owned constraint; one more at the end
   std::vector<double> markov_diagonal;  ///< M_aa of the owned constraints
-  int lowest = 0;                     ///< smallest r_a of all constraints
-  int highest = 0;                    ///< largest r_a
-  PetscInt outputs = 0;               ///< sum of r_a (0 for constraints of degree 0)
-  Matrix Z;                           ///< outputs x n, rows constraint by constraint, level by level
-  Matrix directions;                  ///< outputs x n, row (a, i) is d_{a,i}
-  Matrix markov;                      ///< M, m x m: rows C_a A^{r_a - 1} B (D_a where r_a = 0)
-  bool outputs_are_states = false;    ///< every output is one state of its own, up to scale, and so is its direction
-  double tolerance = 0.0;             ///< an entry of C_a A^{i-1} B counts above tolerance * (|C||A|^{i-1}|B|)
-  double smallest_kept = 0.0;         ///< smallest such ratio that counted: the margin above `tolerance`
-  double largest_dropped = 0.0;       ///< largest one that did not: rounding, far below `tolerance`
+  int lowest = 0;                       ///< smallest r_a of all constraints
+  int highest = 0;                      ///< largest r_a
+  PetscInt outputs = 0;                 ///< sum of r_a (0 for constraints of degree 0)
+  Matrix Z;                             ///< outputs x n, rows constraint by constraint, level by level
+  Matrix directions;                    ///< outputs x n, row (a, i) is d_{a,i}
+  Matrix markov;                        ///< M, m x m: rows C_a A^{r_a - 1} B (D_a where r_a = 0)
+  bool outputs_are_states =
+      false;                   ///< every output is one state of its own, up to scale, and so is its direction
+  double tolerance = 0.0;      ///< an entry of C_a A^{i-1} B counts above tolerance * (|C||A|^{i-1}|B|)
+  double smallest_kept = 0.0;  ///< smallest such ratio that counted: the margin above `tolerance`
+  double largest_dropped = 0.0;  ///< largest one that did not: rounding, far below `tolerance`
 };
 
 /// What can be said about the leading Markov matrix M.
 struct MarkovReport {
   bool diagonal = true;
   PetscInt nonzeros = 0;
-  PetscInt largest_block = 1;     ///< constraints in the largest coupled group
-  double condition = 1.0;         ///< largest 2-norm condition of the coupled groups examined
-  bool condition_known = true;    ///< false where a coupled group is too large to examine densely
-  enum class Solvability { positive_definite, p_matrix, positive_semidefinite, not_checked } solvability =
-      Solvability::positive_definite;
+  PetscInt largest_block = 1;   ///< constraints in the largest coupled group
+  double condition = 1.0;       ///< largest 2-norm condition of the coupled groups examined
+  bool condition_known = true;  ///< false where a coupled group is too large to examine densely
+  enum class Solvability {
+    positive_definite,
+    p_matrix,
+    positive_semidefinite,
+    not_checked
+  } solvability = Solvability::positive_definite;
 };
 
 /// @throws Error (bad_input) on every rank if lambda never reaches a constraint.
 /// @note Collective on the system's communicator.
 RelativeDegree analyse_relative_degree(const LinearSystem& system);
 
-/// Checks that M makes each step's complementarity problem solvable: M_aa > 0, nonsingular, a P-matrix as far as it can
-/// be checked; for degrees <= 1 positive semidefinite suffices.
-/// @throws Error (bad_input) on every rank, naming the constraints, if M is singular or a diagonal entry negative.
+/// Checks that M makes each step's complementarity problem solvable: M_aa > 0, nonsingular, a P-matrix as far
+/// as it can be checked; for degrees <= 1 positive semidefinite suffices.
+/// @throws Error (bad_input) on every rank, naming the constraints, if M is singular or a diagonal entry
+/// negative.
 /// @note Collective.
 MarkovReport check_markov_matrix(const LinearSystem& system, const RelativeDegree& relative_degree);
 
@@ -56,6 +63,7 @@ struct ZeroDynamics {
   PetscInt size = 0;
   double largest_real_part = 0.0;
 };
-ZeroDynamics zero_dynamics(const LinearSystem& system, const RelativeDegree& relative_degree, PetscInt limit = 500);
+ZeroDynamics zero_dynamics(const LinearSystem& system, const RelativeDegree& relative_degree,
+                           PetscInt limit = 500);
 
 }  // namespace sweepvi

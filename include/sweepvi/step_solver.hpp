@@ -19,30 +19,33 @@ struct CertificateOptions {
 
 /// Where a step's solve starts.
 struct PredictorOptions {
-  bool active_set = true;  ///< -sweepvi_predictor active-set | none: guess by an active-set method, or the last state
+  bool active_set =
+      true;  ///< -sweepvi_predictor active-set | none: guess by an active-set method, or the last state
 };
 
 /// What came of a step.
 struct StepReport {
   bool certified = false;
-  double residual = 0.0;      ///< worst ratio |u - mid(l, b, u - F)|_i / terms_i of the point found
-  PetscInt iterations = 0;    ///< Newton iterations, all attempts
-  bool predicted = false;     ///< SNES accepted the predictor's guess as it was
-  int rung = 0;               ///< attempt that succeeded, from 0; see StepSolver::rung_names
-  std::string reason;         ///< SNES's own word on the last attempt
+  double residual = 0.0;    ///< worst ratio |u - mid(l, b, u - F)|_i / terms_i of the point found
+  PetscInt iterations = 0;  ///< Newton iterations, all attempts
+  bool predicted = false;   ///< SNES accepted the predictor's guess as it was
+  int rung = 0;             ///< attempt that succeeded, from 0; see StepSolver::rung_names
+  std::string reason;       ///< SNES's own word on the last attempt
 };
 
 /// Solves the box VI of one step with SNESVI and certifies the result row by row:
 ///
-///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for all i.
+///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for
+///     all i.
 ///
-/// SNES stops when the certificate is met at `target`, or stops improving below `rtol`; its own tolerances do not
-/// enter. A predictor guesses the solution first (src/vi/predictor.hpp); where it is right, SNES accepts it at iteration
-/// 0. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the other type from there, both
-/// from the projection of zero.
+/// SNES stops when the certificate is met at `target`, or stops improving below `rtol`; its own tolerances do
+/// not enter. A predictor guesses the solution first (src/vi/predictor.hpp); where it is right, SNES accepts
+/// it at iteration 0. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the
+/// other type from there, both from the projection of zero.
 class StepSolver {
- public:
-  /// @param snes  set up here with defaults (reduced space, preonly + LU by MUMPS), then SNESSetFromOptions: the options
+public:
+  /// @param snes  set up here with defaults (reduced space, preonly + LU by MUMPS), then SNESSetFromOptions:
+  /// the options
   ///              database has the last word
   /// @note Collective on the problem's communicator.
   StepSolver(SNES snes, Dvi& problem);
@@ -50,8 +53,9 @@ class StepSolver {
   StepSolver(const StepSolver&) = delete;
   StepSolver& operator=(const StepSolver&) = delete;
 
-  /// Solves the step for which the problem's `begin` fills bounds and guess; settles the point found and certifies it.
-  /// A step that cannot be certified is a result, not an error. The problem is left before `accept`.
+  /// Solves the step for which the problem's `begin` fills bounds and guess; settles the point found and
+  /// certifies it. A step that cannot be certified is a result, not an error. The problem is left before
+  /// `accept`.
   /// @note Collective.
   StepReport solve(const Step& step);
 
@@ -65,10 +69,11 @@ class StepSolver {
                                                             "other_type_cold_start"};
   const std::array<std::int64_t, 4>& rungs() const { return rungs_; }  ///< certified steps per rung
 
- private:
+private:
   static PetscErrorCode form_function(SNES, Vec, Vec, void*);
   static PetscErrorCode form_jacobian(SNES, Vec, Mat, Mat, void*);
-  static PetscErrorCode converged(SNES, PetscInt, PetscReal, PetscReal, PetscReal, SNESConvergedReason*, void*);
+  static PetscErrorCode converged(SNES, PetscInt, PetscReal, PetscReal, PetscReal, SNESConvergedReason*,
+                                  void*);
   void configure(SNES snes, const char* type);
   static void lift_step_limit(SNES snes);
   SNES other_snes();

@@ -10,15 +10,18 @@ namespace sweepvi {
 
 /// Marches a Dvi from `start` to `end` in `steps` equal steps, t_k = start + k h by multiplication.
 ///
-/// The march is PETSc's TS of the type "sweepvi", registered here: monitors, views and logging work as for any TS
-/// (-ts_monitor, -ts_view, -snes_vi_monitor, -log_view, ...). One step: box rule, SNESVI, settle, certificate, accept.
-/// TSTHETA would average multipliers and complementarity rows over the step; here they stand at t_{k+1}.
+/// The march is PETSc's TS of the type "sweepvi", registered here: monitors, views and logging work as for
+/// any TS
+/// (-ts_monitor, -ts_view, -snes_vi_monitor, -log_view, ...). One step: box rule, SNESVI, settle,
+/// certificate, accept. TSTHETA would average multipliers and complementarity rows over the step; here they
+/// stand at t_{k+1}.
 class TimeMarch {
- public:
+public:
   /// Called after each accepted step, on every rank.
   using Observer = std::function<void(const Step&, const StepReport&)>;
 
-  /// @throws Error (bad_input) if the options database asks for another TS type or a SNES that solves no box VI
+  /// @throws Error (bad_input) if the options database asks for another TS type or a SNES that solves no box
+  /// VI
   /// @note Collective on the problem's communicator. `problem` must outlive the march.
   TimeMarch(Dvi& problem, double start, double end, PetscInt steps);
   ~TimeMarch();
@@ -30,7 +33,8 @@ class TimeMarch {
   /// Takes one step. If it is not certified, the state stays that of t_k. @note Collective.
   StepReport step();
 
-  /// Takes all remaining steps, or until one is not certified: then the last report is that step's. @note Collective.
+  /// Takes all remaining steps, or until one is not certified: then the last report is that step's. @note
+  /// Collective.
   StepReport run();
 
   PetscInt steps_taken() const;
@@ -39,7 +43,7 @@ class TimeMarch {
   double h() const;     ///< [s]
   const StepSolver& solver() const;
 
- private:
+private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

@@ -15,19 +15,25 @@ namespace {
 
 const char* name_of(MarkovReport::Solvability solvability) {
   switch (solvability) {
-    case MarkovReport::Solvability::positive_definite: return "positive definite: each step has exactly one solution";
-    case MarkovReport::Solvability::p_matrix: return "a P-matrix, not positive definite: each step has exactly one solution";
-    case MarkovReport::Solvability::positive_semidefinite: return "positive semidefinite: enough for degrees 0 and 1";
-    case MarkovReport::Solvability::not_checked: return "not checked (coupled groups too large, or degrees 0 and 1)";
+    case MarkovReport::Solvability::positive_definite:
+      return "positive definite: each step has exactly one solution";
+    case MarkovReport::Solvability::p_matrix:
+      return "a P-matrix, not positive definite: each step has exactly one solution";
+    case MarkovReport::Solvability::positive_semidefinite:
+      return "positive semidefinite: enough for degrees 0 and 1";
+    case MarkovReport::Solvability::not_checked:
+      return "not checked (coupled groups too large, or degrees 0 and 1)";
   }
   return "";
 }
 
 std::string degrees_text(MPI_Comm comm, const RelativeDegree& relative_degree) {
   std::map<int, std::int64_t> count;
-  for (const int r : gather(comm, relative_degree.degree)) ++count[r];
+  for (const int r : gather(comm, relative_degree.degree))
+    ++count[r];
   std::string text;
-  for (const auto& [r, n] : count) text += fmt::format("{}r = {} for {} constraint{}", text.empty() ? "" : ", ", r, n, n == 1 ? "" : "s");
+  for (const auto& [r, n] : count)
+    text += fmt::format("{}r = {} for {} constraint{}", text.empty() ? "" : ", ", r, n, n == 1 ? "" : "s");
   return text;
 }
 
@@ -68,16 +74,19 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   const auto row = [](const char* name, const std::string& text) { fmt::print("{:<20} {}\n", name, text); };
   const PetscInt n = system.states();
   const PetscInt m = system.constraints();
-  row("scene", fmt::format("{}{}", line.scene, model.scene.title.empty() ? "" : " (" + model.scene.title + ")"));
-  row("steps", fmt::format("{} of {:.9g} s from {:.9g} s to {:.9g} s, scheme {}", time.steps, time.step, time.start,
-                           time.end, sweepvi::name_of(time.scheme)));
+  row("scene",
+      fmt::format("{}{}", line.scene, model.scene.title.empty() ? "" : " (" + model.scene.title + ")"));
+  row("steps", fmt::format("{} of {:.9g} s from {:.9g} s to {:.9g} s, scheme {}", time.steps, time.step,
+                           time.start, time.end, sweepvi::name_of(time.scheme)));
   row("sizes", fmt::format("{} states, {} constraints, {} outputs", n, m, degree.outputs));
   row("relative degree", degrees);
-  row("  decided at", fmt::format("|C A^i B| > {:.0e} |C||A|^i|B|; smallest that counted {:.1e}, largest that did not {:.1e}",
-                                  degree.tolerance, degree.smallest_kept, degree.largest_dropped));
+  row("  decided at",
+      fmt::format("|C A^i B| > {:.0e} |C||A|^i|B|; smallest that counted {:.1e}, largest that did not {:.1e}",
+                  degree.tolerance, degree.smallest_kept, degree.largest_dropped));
   row("Markov matrix", model.markov.diagonal
                            ? std::string("diagonal")
-                           : fmt::format("{} nonzeros, largest coupled group {}", model.markov.nonzeros, model.markov.largest_block));
+                           : fmt::format("{} nonzeros, largest coupled group {}", model.markov.nonzeros,
+                                         model.markov.largest_block));
   row("  condition", model.markov.condition_known ? fmt::format("{:.3g}", model.markov.condition)
                                                   : "not computed (coupled group too large)");
   row("  solvability", name_of(model.markov.solvability));
@@ -85,20 +94,26 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
       zero.size <= 0 ? std::string("none")
       : std::isnan(zero.largest_real_part)
           ? fmt::format("{} states (spectrum computed up to 500 states)", zero.size)
-          : fmt::format("{} states, largest real part of the spectrum {:.3g} 1/s{}", zero.size, zero.largest_real_part,
+          : fmt::format("{} states, largest real part of the spectrum {:.3g} 1/s{}", zero.size,
+                        zero.largest_real_part,
                         zero.largest_real_part > 1e-9 ? " (unstable: non-minimum phase)" : ""));
-  row("unknowns", fmt::format("{} ({}: {} states{})", counts.unknowns, sweepvi::name_of(form), n,
-                              form == Form::box_on_z ? "" : fmt::format(" + {} multipliers", counts.unknowns - n)));
-  row("Jacobian nonzeros", fmt::format("{} ({:.3g} per unknown)", counts.jacobian_nonzeros,
-                                       static_cast<double>(counts.jacobian_nonzeros) / static_cast<double>(counts.unknowns)));
+  row("unknowns",
+      fmt::format("{} ({}: {} states{})", counts.unknowns, sweepvi::name_of(form), n,
+                  form == Form::box_on_z ? "" : fmt::format(" + {} multipliers", counts.unknowns - n)));
+  row("Jacobian nonzeros",
+      fmt::format("{} ({:.3g} per unknown)", counts.jacobian_nonzeros,
+                  static_cast<double>(counts.jacobian_nonzeros) / static_cast<double>(counts.unknowns)));
   row("not needed", not_needed(system, degree, form));
   if (ranks > 1) row("edge cut", fmt::format("{} couplings between {} ranks", system.edge_cut, ranks));
-  // K, |K|, the Jacobian, its reduced copy: 12 B an entry; about 30 vectors; the factor is a guess for chain-like fill.
+  // K, |K|, the Jacobian, its reduced copy: 12 B an entry; about 30 vectors; the factor is a guess for
+  // chain-like fill.
   const double matrices = 4.0 * 12.0 * static_cast<double>(counts.jacobian_nonzeros);
   const double vectors = 30.0 * 8.0 * static_cast<double>(counts.unknowns);
   const double factor = 5.0 * 12.0 * static_cast<double>(counts.jacobian_nonzeros);
-  row("memory estimate", fmt::format("{:.3g} MB over all ranks, and about {:.3g} MB for the factorization (chains; more on lattices)",
-                                     (matrices + vectors) / 1e6, factor / 1e6));
+  row("memory estimate",
+      fmt::format(
+          "{:.3g} MB over all ranks, and about {:.3g} MB for the factorization (chains; more on lattices)",
+          (matrices + vectors) / 1e6, factor / 1e6));
   return ExitCode::done;
 }
 

@@ -14,15 +14,21 @@ using namespace sweepvi;
 
 ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
   if (line.help_requested && line.scene.empty()) {
-    if (rank == 0) std::fputs(app::help_text(line.verb == app::Verb::help ? line.help_topic : line.verb).c_str(), stdout);
+    if (rank == 0)
+      std::fputs(app::help_text(line.verb == app::Verb::help ? line.help_topic : line.verb).c_str(), stdout);
     return ExitCode::done;
   }
   switch (line.verb) {
-    case app::Verb::run: return app::run(comm, line);
-    case app::Verb::check: return app::check_scene(comm, line);
-    case app::Verb::solve: return app::solve(comm, line);
-    case app::Verb::info: return app::info(comm);
-    case app::Verb::help: break;
+    case app::Verb::run:
+      return app::run(comm, line);
+    case app::Verb::check:
+      return app::check_scene(comm, line);
+    case app::Verb::solve:
+      return app::solve(comm, line);
+    case app::Verb::info:
+      return app::info(comm);
+    case app::Verb::help:
+      break;
   }
   if (rank == 0) std::fputs(app::help_text(line.help_topic).c_str(), stdout);
   return ExitCode::done;

@@ -12,20 +12,41 @@ namespace sweepvi::app {
 
 namespace {
 
-// Our defaults for objects that read the database only. MUMPS: quasi-dense AMD orders chains several times faster than
-// METIS, and the reduced-space solver has every new active set analysed again.
+// Our defaults for objects that read the database only. MUMPS: quasi-dense AMD orders chains several times
+// faster than METIS, and the reduced-space solver has every new active set analysed again.
 constexpr std::array<std::pair<const char*, const char*>, 1> defaults = {{{"-mat_mumps_icntl_7", "6"}}};
 
 // What people mostly type: a hint needs a list, and PETSc has none.
-constexpr std::array known = {"-snes_type", "-snes_monitor", "-snes_vi_monitor", "-snes_view", "-snes_max_it",
-                              "-snes_converged_reason", "-snes_linesearch_type", "-snes_vi_zero_tolerance", "-ksp_type",
-                              "-ksp_rtol", "-ksp_monitor", "-ksp_view", "-ksp_max_it", "-pc_type",
-                              "-pc_factor_mat_solver_type", "-pc_factor_mat_ordering_type", "-mat_mumps_icntl_7",
-                              "-mat_mumps_icntl_14", "-ts_monitor", "-ts_view", "-ts_max_steps", "-log_view",
-                              "-malloc_dump", "-options_left", "-sweepvi_certificate_rtol", "-sweepvi_target_rtol"};
+constexpr std::array known = {"-snes_type",
+                              "-snes_monitor",
+                              "-snes_vi_monitor",
+                              "-snes_view",
+                              "-snes_max_it",
+                              "-snes_converged_reason",
+                              "-snes_linesearch_type",
+                              "-snes_vi_zero_tolerance",
+                              "-ksp_type",
+                              "-ksp_rtol",
+                              "-ksp_monitor",
+                              "-ksp_view",
+                              "-ksp_max_it",
+                              "-pc_type",
+                              "-pc_factor_mat_solver_type",
+                              "-pc_factor_mat_ordering_type",
+                              "-mat_mumps_icntl_7",
+                              "-mat_mumps_icntl_14",
+                              "-ts_monitor",
+                              "-ts_view",
+                              "-ts_max_steps",
+                              "-log_view",
+                              "-malloc_dump",
+                              "-options_left",
+                              "-sweepvi_certificate_rtol",
+                              "-sweepvi_target_rtol"};
 
 bool is_name(const std::string& word) {
-  return word.size() > 1 && word[0] == '-' && std::isdigit(static_cast<unsigned char>(word[1])) == 0 && word[1] != '.';
+  return word.size() > 1 && word[0] == '-' && std::isdigit(static_cast<unsigned char>(word[1])) == 0 &&
+         word[1] != '.';
 }
 
 void insert_words(const std::vector<std::string>& words) {
@@ -41,7 +62,8 @@ void insert_words(const std::vector<std::string>& words) {
 void insert_scene_options(const CommandLine& line, const std::string& options, bool from_set) {
   char* saved = nullptr;  // rc file, PETSC_OPTIONS, command line
   check(PetscOptionsGetAll(nullptr, &saved));
-  for (const auto& [name, value] : defaults) check(PetscOptionsSetValue(nullptr, name, value));
+  for (const auto& [name, value] : defaults)
+    check(PetscOptionsSetValue(nullptr, name, value));
   if (!from_set) check(PetscOptionsInsertString(nullptr, options.c_str()));
   check(PetscOptionsInsertString(nullptr, saved));
   check(PetscFree(saved));
@@ -60,8 +82,9 @@ std::vector<std::string> report_unused_options(MPI_Comm comm) {
   for (PetscInt i = 0; i < count; ++i) {
     const std::string name = std::string("-") + names[i];
     const std::string value = values[i] != nullptr ? values[i] : "";
-    const bool ours = std::any_of(defaults.begin(), defaults.end(),
-                                  [&](const auto& entry) { return name == entry.first && value == entry.second; });
+    const bool ours = std::any_of(defaults.begin(), defaults.end(), [&](const auto& entry) {
+      return name == entry.first && value == entry.second;
+    });
     if (!ours) unused.push_back(name);
   }
   check(PetscOptionsLeftRestore(nullptr, &count, &names, &values));

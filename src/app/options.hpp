@@ -13,8 +13,8 @@ namespace sweepvi::app {
 /// PETSC_OPTIONS and the command line (`--set petsc.options` stands between the last two).
 void insert_scene_options(const CommandLine& line, const std::string& options, bool from_set);
 
-/// Options of the database that nobody read, ours excluded; reported on standard error by rank 0, with the nearest
-/// known name.
+/// Options of the database that nobody read, ours excluded; reported on standard error by rank 0, with the
+/// nearest known name.
 std::vector<std::string> report_unused_options(MPI_Comm comm);
 
 }  // namespace sweepvi::app

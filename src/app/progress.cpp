@@ -35,12 +35,13 @@ void Progress::show(std::int64_t step, double t, std::int64_t iterations) {
   if (terminal_) {
     const auto filled = static_cast<std::size_t>(done * bar_width);
     const std::string bar = std::string(filled, '#') + std::string(bar_width - filled, '.');
-    std::fprintf(stderr, "\r[%s] %3.0f %%  t = %.6g s  %.0f s left \033[K", bar.c_str(), 100.0 * done, t, left);
+    std::fprintf(stderr, "\r[%s] %3.0f %%  t = %.6g s  %.0f s left \033[K", bar.c_str(), 100.0 * done, t,
+                 left);
     drawn_ = true;
   } else {
     std::fprintf(stderr, "step %lld of %lld, t = %.6g s, %lld Newton iterations, about %.0f s left\n",
-                 static_cast<long long>(step), static_cast<long long>(steps_), t, static_cast<long long>(iterations),
-                 left);
+                 static_cast<long long>(step), static_cast<long long>(steps_), t,
+                 static_cast<long long>(iterations), left);
   }
 }
 

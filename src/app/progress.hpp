@@ -8,12 +8,12 @@ namespace sweepvi::app {
 
 /// How far a run is, on standard error of rank 0: a bar on a terminal, a line every few seconds otherwise.
 class Progress {
- public:
+public:
   Progress(MPI_Comm comm, std::int64_t steps);
   ~Progress();
   void show(std::int64_t step, double t, std::int64_t iterations);
 
- private:
+private:
   bool speaks_ = false;
   bool terminal_ = false;
   bool drawn_ = false;

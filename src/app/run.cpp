@@ -58,7 +58,8 @@ std::string failure_text(const TimeMarch& march, const StepReport& report) {
   const PetscInt number = march.steps_taken() + 1;
   const double t = march.time() + march.h();
   return fmt::format(
-      "step {}, t = {:.6g} s: the step could not be certified: {} after {} iterations in {} attempts, residual {:.3g} of "
+      "step {}, t = {:.6g} s: the step could not be certified: {} after {} iterations in {} attempts, "
+      "residual {:.3g} of "
       "the row terms (asked for {:.3g}). Everything before it is in the output. Try a smaller time.step, or "
       "-snes_vi_monitor to watch the active set",
       number, t, report.reason, report.iterations, StepSolver::rung_names.size(), report.residual,
@@ -77,7 +78,8 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   const std::string path = line.output.value_or(model.scene.output.file);
 
   const Form form = choose_form(time.scheme, model.relative_degree);
-  const auto dvi = make_linear_dvi(model.system, model.relative_degree, time.scheme, form, time.start, time.step);
+  const auto dvi =
+      make_linear_dvi(model.system, model.relative_degree, time.scheme, form, time.start, time.step);
   TimeMarch march(*dvi, time.start, time.end, static_cast<PetscInt>(time.steps));
   if (line.help_requested) return ExitCode::done;  // the objects have printed their options
 
@@ -143,10 +145,10 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   summary.write(comm, line.summary);
 
   if (rank == 0) {
-    fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraints, {:.3g} s\n", path, summary.steps, time.step,
-               summary.unknowns, name_of(form), summary.constraints, summary.seconds_total);
-    fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n", summary.max_residual,
-               summary.max_penetration, summary.snes_iterations);
+    fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraints, {:.3g} s\n", path, summary.steps,
+               time.step, summary.unknowns, name_of(form), summary.constraints, summary.seconds_total);
+    fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
+               summary.max_residual, summary.max_penetration, summary.snes_iterations);
   }
   if (failed) throw Error(ExitCode::unsolved, failure_text(march, report));
   return ExitCode::done;

@@ -25,20 +25,27 @@ std::vector<double> petsc_bounds(std::vector<double> bounds) {
   return bounds;
 }
 
-void record(MPI_Comm comm, const std::string& path, bool overwrite, const Problem& problem, const std::string& status,
-            Vec u, Vec f) {
+void record(MPI_Comm comm, const std::string& path, bool overwrite, const Problem& problem,
+            const std::string& status, Vec u, Vec f) {
   PetscInt size = 0;
   PetscInt first = 0;
   PetscInt last = 0;
   check(VecGetSize(u, &size));
   check(VecGetOwnershipRange(u, &first, &last));
   const auto field = [&](const char* name, const char* description) {
-    return FieldSpec{name, FieldSpec::Type::real, {static_cast<hsize_t>(size)}, static_cast<hsize_t>(first),
-                     static_cast<hsize_t>(last - first), "1", description, {}};
+    return FieldSpec{name,
+                     FieldSpec::Type::real,
+                     {static_cast<hsize_t>(size)},
+                     static_cast<hsize_t>(first),
+                     static_cast<hsize_t>(last - first),
+                     "1",
+                     description,
+                     {}};
   };
   TableFile file(comm, path,
                  {{"/t", FieldSpec::Type::real, {}, 0, 0, "s", "no time: one problem", {}},
-                  field("/solution", "u"), field("/F", "M u + q at the solution")},
+                  field("/solution", "u"),
+                  field("/F", "M u + q at the solution")},
                  {.expected_rows = 1, .overwrite = overwrite});
   file.real(0)[0] = 0.0;
   const ReadArray values(u);
@@ -66,7 +73,8 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   check(PetscSplitOwnership(comm, &local, &size));
   AffineVi vi(scatter_rows(comm, problem.M, local, local), scatter_vector(comm, problem.q, local),
               scatter_vector(comm, petsc_bounds(problem.lower), local),
-              scatter_vector(comm, petsc_bounds(problem.upper), local), scatter_vector(comm, problem.u0, local));
+              scatter_vector(comm, petsc_bounds(problem.upper), local),
+              scatter_vector(comm, problem.u0, local));
   NonlinearSolver snes;
   check(SNESCreate(comm, snes.put()));
   StepSolver solver(snes.get(), vi);
@@ -100,16 +108,18 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   summary.seconds_total = MPI_Wtime() - begin;
   summary.write(comm, line.summary);
   if (!report.certified)
-    throw Error(ExitCode::unsolved,
-                fmt::format("{}: no point could be certified: {} after {} iterations in {} attempts; the best one, with "
-                            "residual {:.3g} of the row terms (asked for {:.3g}), is in {}. The problem may have no solution",
-                            line.scene, report.reason, report.iterations, StepSolver::rung_names.size(), report.residual,
-                            solver.certificate().rtol, path));
+    throw Error(
+        ExitCode::unsolved,
+        fmt::format(
+            "{}: no point could be certified: {} after {} iterations in {} attempts; the best one, with "
+            "residual {:.3g} of the row terms (asked for {:.3g}), is in {}. The problem may have no solution",
+            line.scene, report.reason, report.iterations, StepSolver::rung_names.size(), report.residual,
+            solver.certificate().rtol, path));
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   if (rank == 0)
-    fmt::print("{}: certified, worst ratio {:.2g}, {} Newton iterations, {} unknowns\n", path, report.residual,
-               report.iterations, size);
+    fmt::print("{}: certified, worst ratio {:.2g}, {} Newton iterations, {} unknowns\n", path,
+               report.residual, report.iterations, size);
   return ExitCode::done;
 }
 

@@ -25,7 +25,9 @@ std::int64_t event_count(const char* name) {
 }
 
 // JSON has no infinity; a run without steps has no ratio.
-nlohmann::json number(double value) { return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr); }
+nlohmann::json number(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
+}
 
 }  // namespace
 
@@ -50,7 +52,8 @@ void check_writable(MPI_Comm comm, const std::string& path, bool overwrite) {
     fs::path folder = fs::path(path).parent_path();
     if (folder.empty()) folder = ".";
     if (!fs::is_directory(folder, status))
-      throw Error(ExitCode::output, path + " cannot be written: there is no folder " + folder.string() + "; make it first");
+      throw Error(ExitCode::output,
+                  path + " cannot be written: there is no folder " + folder.string() + "; make it first");
     if (access(folder.c_str(), W_OK) != 0)
       throw Error(ExitCode::output, path + " cannot be written: no permission in " + folder.string());
   });
@@ -106,10 +109,12 @@ std::string Summary::text(MPI_Comm comm) const {
   json["snes_type"] = snes_type;
   json["snes_iterations"] = snes_iterations;
   json["predictor_hits"] = predictor_hits;
-  json["factorizations"] = event_count("MatLUFactorNum") + event_count("MatCholFctrNum") + event_count("MatILUFactorNum");
+  json["factorizations"] =
+      event_count("MatLUFactorNum") + event_count("MatCholFctrNum") + event_count("MatILUFactorNum");
   json["linear_solves"] = event_count("KSPSolve");
   json["active_changes"] = active_changes;
-  for (std::size_t i = 0; i < rungs.size(); ++i) json["rungs"][StepSolver::rung_names[i]] = rungs[i];
+  for (std::size_t i = 0; i < rungs.size(); ++i)
+    json["rungs"][StepSolver::rung_names[i]] = rungs[i];
   json["max_residual"] = number(max_residual);
   json["max_penetration"] = number(max_penetration);
   json["peak_rss_bytes"] = peak_rss_bytes(comm);

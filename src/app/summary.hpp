@@ -25,10 +25,12 @@ struct Summary {
   double max_residual = 0.0, max_penetration = 0.0;
   std::vector<std::string> unused_options;
 
-  /// Time of one MatMult with the step's Jacobian: the median of several, each the slowest rank's. @note Collective.
+  /// Time of one MatMult with the step's Jacobian: the median of several, each the slowest rank's. @note
+  /// Collective.
   void time_matmult(Mat jacobian);
   void count_jacobian(Mat jacobian);
-  /// Adds what only the process knows (peak memory, factorizations, linear solves) and writes the file on rank 0.
+  /// Adds what only the process knows (peak memory, factorizations, linear solves) and writes the file on
+  /// rank 0.
   /// @throws Error (output) on every rank.  @note Collective.
   void write(MPI_Comm comm, const std::optional<std::string>& path) const;
   std::string text(MPI_Comm comm) const;  ///< the JSON; collective
@@ -37,7 +39,8 @@ struct Summary {
 /// Largest peak of resident memory of any rank [B]. @note Collective.
 std::int64_t peak_rss_bytes(MPI_Comm comm);
 
-/// @throws Error (output) on every rank if `path` exists and may not be replaced, or its folder cannot be written.
+/// @throws Error (output) on every rank if `path` exists and may not be replaced, or its folder cannot be
+/// written.
 /// @note Collective.
 void check_writable(MPI_Comm comm, const std::string& path, bool overwrite);
 

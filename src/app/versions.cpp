@@ -28,7 +28,9 @@ std::string mumps_version() {
 #endif
 }
 
-std::string metis_version() { return fmt::format("{}.{}.{}", METIS_VER_MAJOR, METIS_VER_MINOR, METIS_VER_SUBMINOR); }
+std::string metis_version() {
+  return fmt::format("{}.{}.{}", METIS_VER_MAJOR, METIS_VER_MINOR, METIS_VER_SUBMINOR);
+}
 
 std::string hdf5_version() {
   unsigned major = 0;

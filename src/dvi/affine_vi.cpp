@@ -43,7 +43,8 @@ double AffineVi::penetration() const {
     const ReadArray u(u_.get());
     const ReadArray l(lower_.get());
     const ReadArray b(upper_.get());
-    for (PetscInt i = 0; i < u.size(); ++i) worst = std::max({worst, l[i] - u[i], u[i] - b[i]});
+    for (PetscInt i = 0; i < u.size(); ++i)
+      worst = std::max({worst, l[i] - u[i], u[i] - b[i]});
   }
   MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_DOUBLE, MPI_MAX, comm());
   return worst;
@@ -54,7 +55,8 @@ PetscInt AffineVi::active() const {
   const ReadArray l(lower_.get());
   const ReadArray b(upper_.get());
   PetscInt count = 0;
-  for (PetscInt i = 0; i < u.size(); ++i) count += u[i] <= l[i] || u[i] >= b[i] ? 1 : 0;
+  for (PetscInt i = 0; i < u.size(); ++i)
+    count += u[i] <= l[i] || u[i] >= b[i] ? 1 : 0;
   return count;
 }
 

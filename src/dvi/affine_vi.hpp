@@ -4,9 +4,10 @@
 
 namespace sweepvi {
 
-/// A single box VI as a Dvi of one step: F(u) = M u + q, l <= u <= b. Source: the contract of `sweepvi solve`.
+/// A single box VI as a Dvi of one step: F(u) = M u + q, l <= u <= b. Source: the contract of `sweepvi
+/// solve`.
 class AffineVi final : public Dvi {
- public:
+public:
   /// Infinite bounds are PETSC_NINFINITY and PETSC_INFINITY; `u0` is where the solver starts.
   /// @note Collective on M's communicator.
   AffineVi(Matrix M, Vector q, Vector lower, Vector upper, Vector u0);
@@ -24,7 +25,7 @@ class AffineVi final : public Dvi {
   double penetration() const override;
   PetscInt active() const override;
 
- private:
+private:
   Matrix M_, abs_M_;
   Vector q_, abs_q_, lower_, upper_, u_, work_;
 };

@@ -37,7 +37,8 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   RowBuilder rows;
   for_each_row(scaled.get(), [&](PetscInt row, auto columns, auto values) {
     rows.add(row, 1.0);
-    for (std::size_t k = 0; k < columns.size(); ++k) rows.add(columns[k], -h_ * values[k]);
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      rows.add(columns[k], -h_ * values[k]);
     rows.end_row();
   });
   K_ = rows.finish(comm(), states.size());
@@ -49,8 +50,10 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   check(VecAXPY(u_.get(), 1.0, g_new_.get()));
   check(VecCopy(system.x0.get(), x_.get()));
   const ReadArray u(u_.get());
-  for (std::size_t q = 0; q < position_.size(); ++q) levels_.z[q] = u[position_[q]];
-  for (std::size_t a = 0; a < levels_.constraints(); ++a) levels_.w[a] = levels_.z[levels_.at(a, 1)];
+  for (std::size_t q = 0; q < position_.size(); ++q)
+    levels_.z[q] = u[position_[q]];
+  for (std::size_t a = 0; a < levels_.constraints(); ++a)
+    levels_.w[a] = levels_.z[levels_.at(a, 1)];
 }
 
 void BoxOnZ::place_forcing(double t, Vec g_x) {
@@ -58,7 +61,8 @@ void BoxOnZ::place_forcing(double t, Vec g_x) {
   check(VecSet(g_x, 0.0));
   const ReadArray g(g_outputs_.get());
   const WriteArray values(g_x);
-  for (std::size_t q = 0; q < position_.size(); ++q) values[position_[q]] = g[static_cast<PetscInt>(q)];
+  for (std::size_t q = 0; q < position_.size(); ++q)
+    values[position_[q]] = g[static_cast<PetscInt>(q)];
 }
 
 Matrix BoxOnZ::create_jacobian() const {
@@ -79,7 +83,8 @@ void BoxOnZ::find_c(const Step& step) {
   check(VecAXPY(c_.get(), 1.0, work_.get()));
   const WriteArray c(c_.get());
   for (std::size_t a = 0; a < levels_.constraints(); ++a)
-    for (int i = 1; i < levels_.levels(a); ++i) c[position_[levels_.at(a, i)]] = 0.0;
+    for (int i = 1; i < levels_.levels(a); ++i)
+      c[position_[levels_.at(a, i)]] = 0.0;
 }
 
 void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
@@ -89,7 +94,8 @@ void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   {
     const WriteArray l(lower);
     for (std::size_t a = 0; a < levels_.constraints(); ++a)
-      for (int i = 1; i <= levels_.level[a]; ++i) l[position_[levels_.at(a, i)]] = 0.0;
+      for (int i = 1; i <= levels_.level[a]; ++i)
+        l[position_[levels_.at(a, i)]] = 0.0;
   }
   find_c(step);
   check(VecWAXPY(rhs_.get(), 1.0, u_.get(), c_.get()));
@@ -97,7 +103,8 @@ void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   const ReadArray c(c_.get());
   {
     const WriteArray terms(rhs_terms_.get());
-    for (PetscInt i = 0; i < u.size(); ++i) terms[i] = std::abs(u[i]) + std::abs(c[i]);
+    for (PetscInt i = 0; i < u.size(); ++i)
+      terms[i] = std::abs(u[i]) + std::abs(c[i]);
   }
   check(VecCopy(u_.get(), guess));
 }
@@ -113,7 +120,9 @@ void BoxOnZ::row_terms(Vec u, Vec terms) {
   check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
 }
 
-void BoxOnZ::jacobian(Vec, Mat jacobian) { check(MatCopy(K_.get(), jacobian, SAME_NONZERO_PATTERN)); }
+void BoxOnZ::jacobian(Vec, Mat jacobian) {
+  check(MatCopy(K_.get(), jacobian, SAME_NONZERO_PATTERN));
+}
 
 void BoxOnZ::settle(Vec u) {
   row_terms(u, terms_.get());
@@ -121,7 +130,8 @@ void BoxOnZ::settle(Vec u) {
   const ReadArray old(u_.get());
   const WriteArray values(u);
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
-    // Terms seen through the levels above: z_i = z_{i,k} + h z_{i+1}, where z_{i+1} is only known up to its own terms.
+    // Terms seen through the levels above: z_i = z_{i,k} + h z_{i+1}, where z_{i+1} is only known up to its
+    // own terms.
     double scale = 0.0;
     for (int i = levels_.levels(a); i >= 1; --i) {
       const PetscInt at = position_[levels_.at(a, i)];

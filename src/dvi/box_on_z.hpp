@@ -8,15 +8,16 @@
 
 namespace sweepvi {
 
-/// HOMSP where every output is a state of its own (up to a scale s): unknowns u = S x + g(t) with u_{a,i} = z_{a,i} on
-/// output states and u = x elsewhere,
+/// HOMSP where every output is a state of its own (up to a scale s): unknowns u = S x + g(t) with u_{a,i} =
+/// z_{a,i} on output states and u = x elsewhere,
 ///
 ///     F(u) = (I - h S A S^{-1}) u - u_k - c,   c = (I - h S A S^{-1}) g_{k+1} - g_k + h S f_{k+1},
 ///
-/// with c = 0 on the rows of levels i < r, where AB (32) holds exactly. F on a bounded row is the measure mu_{a,i} (on
-/// level r: M_aa mu_{a,r}), so 0 <= z_{a,i} _|_ mu_{a,i} >= 0 for i <= r* is the box VI itself. Source: AB (34)-(45).
+/// with c = 0 on the rows of levels i < r, where AB (32) holds exactly. F on a bounded row is the measure
+/// mu_{a,i} (on level r: M_aa mu_{a,r}), so 0 <= z_{a,i} _|_ mu_{a,i} >= 0 for i <= r* is the box VI itself.
+/// Source: AB (34)-(45).
 class BoxOnZ final : public ConstrainedDvi {
- public:
+public:
   BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h);
 
   MPI_Comm comm() const override { return system_.comm(); }
@@ -40,7 +41,7 @@ class BoxOnZ final : public ConstrainedDvi {
   const std::vector<int>& level() const override { return levels_.level; }
   const std::vector<StepEvent>& events() const override { return levels_.events; }
 
- private:
+private:
   void place_forcing(double t, Vec g_x);
   void find_c(const Step& step);
   void recover_x(Vec u);

@@ -7,7 +7,8 @@ namespace sweepvi {
 void LevelState::allocate(const std::vector<int>& levels_of_constraint, int columns_of_mu) {
   const std::size_t count = levels_of_constraint.size();
   first.assign(1, 0);
-  for (const int levels : levels_of_constraint) first.push_back(first.back() + levels);
+  for (const int levels : levels_of_constraint)
+    first.push_back(first.back() + levels);
   z.assign(static_cast<std::size_t>(first.back()), 0.0);
   level.assign(count, 0);
   mu_levels = std::max(columns_of_mu, 1);
@@ -19,7 +20,8 @@ void LevelState::allocate(const std::vector<int>& levels_of_constraint, int colu
 void LevelState::apply_level_rule() {
   for (std::size_t a = 0; a < constraints(); ++a) {
     int r_star = 1;
-    while (r_star < levels(a) && z[at(a, r_star)] <= 0.0) ++r_star;
+    while (r_star < levels(a) && z[at(a, r_star)] <= 0.0)
+      ++r_star;
     level[a] = r_star;
   }
 }
@@ -42,14 +44,16 @@ void LevelState::advance(const std::vector<double>& z_new) {
 
 double LevelState::penetration(MPI_Comm comm) const {
   double worst = 0.0;
-  for (std::size_t a = 0; a < constraints(); ++a) worst = std::max(worst, -w[a]);
+  for (std::size_t a = 0; a < constraints(); ++a)
+    worst = std::max(worst, -w[a]);
   MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_DOUBLE, MPI_MAX, comm);
   return worst;
 }
 
 PetscInt LevelState::active() const {
   PetscInt count = 0;
-  for (std::size_t a = 0; a < constraints(); ++a) count += z[at(a, 1)] <= 0.0 ? 1 : 0;
+  for (std::size_t a = 0; a < constraints(); ++a)
+    count += z[at(a, 1)] <= 0.0 ? 1 : 0;
   return count;
 }
 

@@ -6,22 +6,23 @@
 
 namespace sweepvi {
 
-/// A component counts as held at its bound when it is below this, relative to the terms of its own row. Far above what
-/// a solved row leaves (rounding), a hundredth of the certificate's tolerance, so that putting it on the bound does not
-/// show in the certificate.
+/// A component counts as held at its bound when it is below this, relative to the terms of its own row. Far
+/// above what a solved row leaves (rounding), a hundredth of the certificate's tolerance, so that putting it
+/// on the bound does not show in the certificate.
 inline constexpr double held_rtol = 1e-12;
 
-/// Outputs, levels and measures of the constraints a rank owns, carried from step to step. Held outputs are exactly
-/// zero here, so that the level rule never sees a residue.
+/// Outputs, levels and measures of the constraints a rank owns, carried from step to step. Held outputs are
+/// exactly zero here, so that the level rule never sees a residue.
 struct LevelState {
-  std::vector<PetscInt> first;      ///< local index of level 1 of each constraint; one more at the end
-  std::vector<double> z;            ///< outputs at the time reached
-  std::vector<int> level;           ///< r* of the step
-  std::vector<double> mu;           ///< [constraint][mu_levels], measures of the step
+  std::vector<PetscInt> first;  ///< local index of level 1 of each constraint; one more at the end
+  std::vector<double> z;        ///< outputs at the time reached
+  std::vector<int> level;       ///< r* of the step
+  std::vector<double> mu;       ///< [constraint][mu_levels], measures of the step
   int mu_levels = 1;
-  std::vector<int> mu_shift;        ///< column of level 1 in `mu`, per constraint: 0 unless the scheme has only level r
-  std::vector<StepEvent> events;    ///< of the step
-  std::vector<double> w;            ///< constraint values
+  std::vector<int>
+      mu_shift;  ///< column of level 1 in `mu`, per constraint: 0 unless the scheme has only level r
+  std::vector<StepEvent> events;  ///< of the step
+  std::vector<double> w;          ///< constraint values
 
   void allocate(const std::vector<int>& levels_of_constraint, int columns_of_mu);
   double& measure(std::size_t a, int i) {
@@ -29,7 +30,9 @@ struct LevelState {
   }
   std::size_t constraints() const { return level.size(); }
   int levels(std::size_t a) const { return static_cast<int>(first[a + 1] - first[a]); }
-  std::size_t at(std::size_t a, int i) const { return static_cast<std::size_t>(first[a]) + static_cast<std::size_t>(i - 1); }
+  std::size_t at(std::size_t a, int i) const {
+    return static_cast<std::size_t>(first[a]) + static_cast<std::size_t>(i - 1);
+  }
 
   /// AB section 3.2: r* = 1 if z_1 > 0, else 1 + the largest j <= r-1 with z_i <= 0 for all i <= j.
   void apply_level_rule();

@@ -28,7 +28,8 @@ void OutputForcing::evaluate(double t, Vec g) {
     const ReadArray image(image_.get());
     const WriteArray values(g);
     for (std::size_t a = 0; a < degree.size(); ++a)
-      for (int i = p + 2; i <= degree[a]; ++i) values[first[a] + i - 1] += image[first[a] + i - 2 - p];
+      for (int i = p + 2; i <= degree[a]; ++i)
+        values[first[a] + i - 1] += image[first[a] + i - 2 - p];
   }
 }
 

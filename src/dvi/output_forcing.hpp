@@ -8,21 +8,22 @@ namespace sweepvi {
 
 /// What the forcing adds to the outputs z = Z x + g(t):
 ///
-///     g_{a,1} = w0_a,   g_{a,i+1} = C_a A^{i-1} f + g_{a,i}',   so   g_{a,i} = sum_{p=0}^{i-2} (Z f^(p))_{a,i-1-p}, i > 1.
+///     g_{a,1} = w0_a,   g_{a,i+1} = C_a A^{i-1} f + g_{a,i}',   so   g_{a,i} = sum_{p=0}^{i-2} (Z
+///     f^(p))_{a,i-1-p}, i > 1.
 class OutputForcing {
- public:
+public:
   OutputForcing(const LinearSystem& system, const RelativeDegree& relative_degree);
 
   /// g(t), laid out like the rows of Z. @note Collective.
   void evaluate(double t, Vec g);
 
-  /// e_{a,i} = h g_{a,i}'(t_new) - (g_{a,i}(t_new) - g_{a,i}(t_old)) for i < r, 0 on level r: what the increment h f
-  /// lacks for AB (32) to hold exactly. @note Collective.
+  /// e_{a,i} = h g_{a,i}'(t_new) - (g_{a,i}(t_new) - g_{a,i}(t_old)) for i < r, 0 on level r: what the
+  /// increment h f lacks for AB (32) to hold exactly. @note Collective.
   void increment_defect(const Step& step, Vec g_old, Vec g_new, Vec defect);
 
   bool varies() const { return system_.f.varies; }
 
- private:
+private:
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   Vector f_, image_;  // layouts of x and of the outputs

@@ -27,9 +27,12 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   measure_per_nu_.assign(levels_.z.size(), 1.0);
   for (std::size_t a = 0; a < count; ++a) {
     double& last = measure_per_nu_[levels_.at(a, levels_.levels(a))];
-    if (with_levels_) last = 1.0 / relative_degree.markov_diagonal[a];
-    else if (scheme == Scheme::zd_euler) last = std::pow(h, 1 - relative_degree.degree[a]);
-    else if (scheme == Scheme::naive_euler || system.D) last = h;
+    if (with_levels_)
+      last = 1.0 / relative_degree.markov_diagonal[a];
+    else if (scheme == Scheme::zd_euler)
+      last = std::pow(h, 1 - relative_degree.degree[a]);
+    else if (scheme == Scheme::naive_euler || system.D)
+      last = h;
     if (!with_levels_) levels_.mu_shift[a] = std::max(1, relative_degree.degree[a]) - 1;
   }
   pinned_.assign(levels_.z.size(), 0);
@@ -44,7 +47,8 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   local_x_ = row_range(system.A.get()).size();
   assemble(blocks);
   check(MatCreateVecs(K_.get(), u_.put(), nullptr));
-  for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_}) *vector = duplicate(u_.get());
+  for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_})
+    *vector = duplicate(u_.get());
   if (with_levels_ || completes_) find_cross_coupling();
   if (completes_) prepare_completion();
   find_unit_outputs();
@@ -58,9 +62,12 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   const ReadArray x(x_.get());
   const ReadArray outputs(z.get());
   const WriteArray u(u_.get());
-  for (PetscInt i = 0; i < x.size(); ++i) u[i] = x[i];
-  for (std::size_t q = 0; q < levels_.z.size(); ++q) levels_.z[q] = outputs[static_cast<PetscInt>(q)];
-  for (std::size_t a = 0; a < count; ++a) levels_.w[a] = levels_.z[levels_.at(a, 1)];
+  for (PetscInt i = 0; i < x.size(); ++i)
+    u[i] = x[i];
+  for (std::size_t q = 0; q < levels_.z.size(); ++q)
+    levels_.z[q] = outputs[static_cast<PetscInt>(q)];
+  for (std::size_t a = 0; a < count; ++a)
+    levels_.w[a] = levels_.z[levels_.at(a, 1)];
 }
 
 PrimalDual::Blocks PrimalDual::make_blocks() {
@@ -75,7 +82,8 @@ PrimalDual::Blocks PrimalDual::make_blocks() {
   check(MatCreateVecs(system_.B.get(), e.put(), nullptr));
   {
     const WriteArray values(e.get());
-    for (std::size_t a = 0; a < measure_per_nu_.size(); ++a) values[static_cast<PetscInt>(a)] = measure_per_nu_[a];
+    for (std::size_t a = 0; a < measure_per_nu_.size(); ++a)
+      values[static_cast<PetscInt>(a)] = measure_per_nu_[a];
   }
   check(MatDuplicate(system_.B.get(), MAT_COPY_VALUES, blocks.E.put()));
   check(MatDiagonalScale(blocks.E.get(), nullptr, e.get()));
@@ -92,7 +100,7 @@ namespace {
 
 // Unknown number of entry j of a block: each rank's unknowns are its states, then its multipliers.
 class Numbering {
- public:
+public:
   Numbering(Mat like_x, Mat like_nu) {
     check(MatGetOwnershipRanges(like_x, &x_));
     check(MatGetOwnershipRanges(like_nu, &nu_));
@@ -103,7 +111,7 @@ class Numbering {
   PetscInt x(PetscInt j) const { return j + nu_[owner(x_, j)]; }
   PetscInt nu(PetscInt j) const { return j + x_[owner(nu_, j) + 1]; }
 
- private:
+private:
   std::size_t owner(const PetscInt* ranges, PetscInt j) const {
     return static_cast<std::size_t>(std::upper_bound(ranges, ranges + ranks_ + 1, j) - ranges) - 1;
   }
@@ -122,14 +130,18 @@ void PrimalDual::assemble(const Blocks& blocks) {
   RowBuilder rows;
   for (PetscInt i = states.first; i < states.last; ++i) {
     rows.add(number.x(i), 1.0);
-    for (const auto& [column, value] : get_row(system_.A.get(), i)) rows.add(number.x(column), -h_ * value);
-    for (const auto& [column, value] : get_row(blocks.E.get(), i)) rows.add(number.nu(column), -value);
+    for (const auto& [column, value] : get_row(system_.A.get(), i))
+      rows.add(number.x(column), -h_ * value);
+    for (const auto& [column, value] : get_row(blocks.E.get(), i))
+      rows.add(number.nu(column), -value);
     rows.end_row();
   }
   for (PetscInt q = multipliers.first; q < multipliers.last; ++q) {
-    for (const auto& [column, value] : get_row(blocks.G.get(), q)) rows.add(number.x(column), value);
+    for (const auto& [column, value] : get_row(blocks.G.get(), q))
+      rows.add(number.x(column), value);
     if (blocks.H)
-      for (const auto& [column, value] : get_row(blocks.H.get(), q)) rows.add(number.nu(column), value);
+      for (const auto& [column, value] : get_row(blocks.H.get(), q))
+        rows.add(number.nu(column), value);
     rows.add(number.nu(q), 0.0);  // room for the row nu = 0 of a level above r*
     rows.end_row();
   }
@@ -137,12 +149,14 @@ void PrimalDual::assemble(const Blocks& blocks) {
   abs_K_ = absolute_copy(K_.get());
 }
 
-// How measures along the d_{b,j} reach the outputs of other constraints: Z D without its unit diagonal, rows of level r
-// left out (those outputs are solved for, not completed). Mostly empty: only constraints coupled above level 1 differ.
+// How measures along the d_{b,j} reach the outputs of other constraints: Z D without its unit diagonal, rows
+// of level r left out (those outputs are solved for, not completed). Mostly empty: only constraints coupled
+// above level 1 differ.
 void PrimalDual::find_cross_coupling() {
   const Matrix directions = transpose(relative_degree_.directions.get());
   const Matrix product = multiply(relative_degree_.Z.get(), directions.get());
-  const Matrix magnitude = multiply(absolute_copy(relative_degree_.Z.get()).get(), absolute_copy(directions.get()).get());
+  const Matrix magnitude =
+      multiply(absolute_copy(relative_degree_.Z.get()).get(), absolute_copy(directions.get()).get());
   const LocalRange outputs = row_range(product.get());
   std::vector<char> last_level(static_cast<std::size_t>(outputs.size()), 0);
   for (std::size_t a = 0; a < relative_degree_.degree.size(); ++a)
@@ -152,7 +166,8 @@ void PrimalDual::find_cross_coupling() {
   for (PetscInt row = outputs.first; row < outputs.last; ++row) {
     const SparseRow values = get_row(product.get(), row);
     const SparseRow terms = get_row(magnitude.get(), row);  // same sparsity
-    for (std::size_t k = 0; k < values.size() && last_level[static_cast<std::size_t>(row - outputs.first)] == 0; ++k) {
+    for (std::size_t k = 0;
+         k < values.size() && last_level[static_cast<std::size_t>(row - outputs.first)] == 0; ++k) {
       const auto [column, value] = values[k];
       if (column == row || std::abs(value) <= held_rtol * terms[k].second) continue;
       rows.add(column, value);
@@ -165,7 +180,8 @@ void PrimalDual::find_cross_coupling() {
   if (any != 0) cross_ = std::move(cross);
 }
 
-// The increment is completed along d_{a,i}, i < r, by c with (I + cross) c = defect; nothing to solve without coupling.
+// The increment is completed along d_{a,i}, i < r, by c with (I + cross) c = defect; nothing to solve without
+// coupling.
 void PrimalDual::prepare_completion() {
   if (!cross_) return;
   const LocalRange outputs = row_range(cross_.get());
@@ -288,13 +304,15 @@ void PrimalDual::jacobian(Vec, Mat jacobian) {
   check(MatZeroRows(jacobian, static_cast<PetscInt>(rows.size()), rows.data(), 1.0, nullptr, nullptr));
 }
 
-// How well each output is known: the terms of the rows of x it is made of, |Z| T + |g|, and the next level's own
-// uncertainty through z_i = z_{i,k} + h z_{i+1}. Zx + g alone would not do: in contact all of Z x may be residue.
+// How well each output is known: the terms of the rows of x it is made of, |Z| T + |g|, and the next level's
+// own uncertainty through z_i = z_{i,k} + h z_{i+1}. Zx + g alone would not do: in contact all of Z x may be
+// residue.
 void PrimalDual::find_output_scale(Vec u) {
   row_terms(u, terms_.get());
   {
     const WriteArray terms(terms_.get());
-    for (PetscInt row = local_x_; row < terms.size(); ++row) terms[row] = 0.0;
+    for (PetscInt row = local_x_; row < terms.size(); ++row)
+      terms[row] = 0.0;
   }
   check(MatMult(abs_K_.get(), terms_.get(), work_.get()));
   const ReadArray spread(work_.get());
@@ -326,9 +344,10 @@ void PrimalDual::find_unit_outputs() {
   });
 }
 
-// In persistent contact outputs and the measures below level r are zero in exact arithmetic; what the solver leaves of
-// them is residue, and rows made of residue alone could never be certified. Held outputs are put on their bound, and
-// their measures below level r follow from AB (32): mu_i = z_{i,k+1} - z_{i,k} - h z_{i+1,k+1} (- cross terms).
+// In persistent contact outputs and the measures below level r are zero in exact arithmetic; what the solver
+// leaves of them is residue, and rows made of residue alone could never be certified. Held outputs are put on
+// their bound, and their measures below level r follow from AB (32): mu_i = z_{i,k+1} - z_{i,k} - h
+// z_{i+1,k+1} (- cross terms).
 void PrimalDual::settle(Vec u) {
   find_output_scale(u);
   evaluate(u, work_.get());
@@ -380,7 +399,8 @@ void PrimalDual::accept(Vec u, Vec) {
   {
     const ReadArray values(u);
     const WriteArray x(x_.get());
-    for (PetscInt i = 0; i < local_x_; ++i) x[i] = values[i];
+    for (PetscInt i = 0; i < local_x_; ++i)
+      x[i] = values[i];
     std::vector<double> z_new(levels_.z.size());
     std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
     for (std::size_t a = 0; a < levels_.constraints(); ++a) {

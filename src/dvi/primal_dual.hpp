@@ -10,7 +10,8 @@ namespace sweepvi {
 
 /// Unknowns (x, nu), one multiplier per constraint and level that the scheme knows:
 ///
-///     F_x  = (I - hA) x - x_k - phi - E nu,      F_nu = G x + H nu + g(t_{k+1}),      0 <= nu  _|_  F_nu >= 0.
+///     F_x  = (I - hA) x - x_k - phi - E nu,      F_nu = G x + H nu + g(t_{k+1}),      0 <= nu  _|_  F_nu >=
+///     0.
 ///
 /// | process                     | G     | E                   | H            | measure             |
 /// |-----------------------------|-------|---------------------|--------------|---------------------|
@@ -19,10 +20,10 @@ namespace sweepvi {
 /// | naive Euler, AB (47)        | C     | B h                 | D            | mu = h lambda = h nu |
 /// | ZD-Euler, AB (63)           | C     | B h^{1-r}           | 0            | mu = h lambda        |
 ///
-/// A level above r* has the row nu = 0 instead, so the pattern never changes. phi is h f_{k+1}, for HOMSP and ZD-Euler
-/// completed along d_{a,i}, i < r, so that AB (32) holds exactly for forcing that varies.
+/// A level above r* has the row nu = 0 instead, so the pattern never changes. phi is h f_{k+1}, for HOMSP and
+/// ZD-Euler completed along d_{a,i}, i < r, so that AB (32) holds exactly for forcing that varies.
 class PrimalDual final : public ConstrainedDvi {
- public:
+public:
   PrimalDual(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme, double t_start,
              double h);
 
@@ -47,7 +48,7 @@ class PrimalDual final : public ConstrainedDvi {
   const std::vector<int>& level() const override { return levels_.level; }
   const std::vector<StepEvent>& events() const override { return levels_.events; }
 
- private:
+private:
   struct Blocks;  // E, G, H before they are assembled
   Blocks make_blocks();
   void assemble(const Blocks& blocks);
@@ -64,16 +65,16 @@ class PrimalDual final : public ConstrainedDvi {
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   double h_;
-  bool with_levels_;    // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
-  bool completes_;      // phi needs completing
+  bool with_levels_;  // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
+  bool completes_;    // phi needs completing
   OutputForcing forcing_;
   LevelState levels_;
   std::vector<double> measure_per_nu_;  // local multipliers
   std::vector<double> no_outputs_;
   PetscInt local_x_ = 0;
   Matrix K_, abs_K_;
-  Matrix cross_;         // Z D off its unit diagonal, levels below r; empty: no cross coupling
-  Matrix completion_;    // I + cross_
+  Matrix cross_;       // Z D off its unit diagonal, levels below r; empty: no cross coupling
+  Matrix completion_;  // I + cross_
   LinearSolver completion_solver_;
   Vector u_, x_;
   Vector phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
@@ -84,7 +85,7 @@ class PrimalDual final : public ConstrainedDvi {
   std::vector<double> unit_scale_;
   std::vector<double> settled_z_;
   std::vector<double> output_scale_;  // local multipliers: an output below held_rtol times this is held
-  PetscInt first_row_ = 0;    // global number of this rank's first unknown
+  PetscInt first_row_ = 0;            // global number of this rank's first unknown
 };
 
 }  // namespace sweepvi

@@ -47,8 +47,8 @@ struct TimeMarch::Impl {
   static PetscErrorCode ts_view(TS ts, PetscViewer viewer) {
     const auto* self = static_cast<Impl*>(ts->data);
     PetscFunctionBeginUser;
-    PetscCall(PetscViewerASCIIPrintf(viewer, "  %" PetscInt_FMT " steps of %g s, one box VI each\n", self->steps,
-                                     self->h()));
+    PetscCall(PetscViewerASCIIPrintf(viewer, "  %" PetscInt_FMT " steps of %g s, one box VI each\n",
+                                     self->steps, self->h()));
     PetscFunctionReturn(0);
   }
   static PetscErrorCode ts_create(TS ts) {
@@ -65,7 +65,7 @@ struct TimeMarch::Impl {
 
 TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
     : impl_(new Impl{problem, start, end, steps, {}, nullptr, {}, {}, nullptr}) {
-  impl_->last.certified = true;  // nothing has failed yet
+  impl_->last.certified = true;                      // nothing has failed yet
   check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
   check(TSCreate(problem.comm(), impl_->ts.put()));
   TS ts = impl_->ts.get();
@@ -76,7 +76,8 @@ TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
   check(TSSetTimeStep(ts, impl_->h()));
   check(TSSetMaxSteps(ts, steps));
   check(TSSetMaxTime(ts, PETSC_MAX_REAL));
-  check(TSSetExactFinalTime(ts, TS_EXACTFINALTIME_STEPOVER));  // the number of steps ends the run, not the clock
+  check(TSSetExactFinalTime(ts,
+                            TS_EXACTFINALTIME_STEPOVER));  // the number of steps ends the run, not the clock
   check(TSSetErrorIfStepFails(ts, PETSC_FALSE));
   SNES snes = nullptr;
   check(TSGetSNES(ts, &snes));
@@ -85,8 +86,8 @@ TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
   TSType type = nullptr;
   check(TSGetType(ts, &type));
   if (std::string(type) != ts_type_name)
-    throw InputError(std::string("-ts_type ") + type + " is not ours: the march is the TS type '" + ts_type_name +
-                     "'; choose the scheme by time.scheme");
+    throw InputError(std::string("-ts_type ") + type + " is not ours: the march is the TS type '" +
+                     ts_type_name + "'; choose the scheme by time.scheme");
   check(TSSetTime(ts, start));
   check(TSSetTimeStep(ts, impl_->h()));
 }
@@ -95,7 +96,9 @@ TimeMarch::~TimeMarch() {
   if (impl_->ts) impl_->ts.get()->data = nullptr;
 }
 
-void TimeMarch::observe(Observer observer) { impl_->observer = std::move(observer); }
+void TimeMarch::observe(Observer observer) {
+  impl_->observer = std::move(observer);
+}
 
 StepReport TimeMarch::step() {
   check(TSStep(impl_->ts.get()), impl_->parked);
@@ -113,9 +116,17 @@ PetscInt TimeMarch::steps_taken() const {
   return taken;
 }
 
-PetscInt TimeMarch::steps() const { return impl_->steps; }
-double TimeMarch::time() const { return impl_->time(steps_taken()); }
-double TimeMarch::h() const { return impl_->h(); }
-const StepSolver& TimeMarch::solver() const { return *impl_->solver; }
+PetscInt TimeMarch::steps() const {
+  return impl_->steps;
+}
+double TimeMarch::time() const {
+  return impl_->time(steps_taken());
+}
+double TimeMarch::h() const {
+  return impl_->h();
+}
+const StepSolver& TimeMarch::solver() const {
+  return *impl_->solver;
+}
 
 }  // namespace sweepvi

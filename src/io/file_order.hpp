@@ -6,10 +6,12 @@
 
 namespace sweepvi {
 
-/// Brings values that ranks own in the solver's order into the file's order, where each rank holds a contiguous slice.
+/// Brings values that ranks own in the solver's order into the file's order, where each rank holds a
+/// contiguous slice.
 class FileOrder {
- public:
-  /// @param file_index  position in the file of each value this rank owns; over all ranks a permutation of the kept ones
+public:
+  /// @param file_index  position in the file of each value this rank owns; over all ranks a permutation of
+  /// the kept ones
   ///                    (-1: not recorded)
   /// @param total       recorded values in all
   /// @note Collective on `comm`.
@@ -20,7 +22,7 @@ class FileOrder {
   /// @note Collective.
   void bring(const double* mine, double* slice);
 
- private:
+private:
   PetscInt first_ = 0, count_ = 0;
   Vector mine_, slice_;
   Scatter scatter_;

@@ -13,7 +13,7 @@ enum Field : std::size_t { t, x, w, mu, level, iterations, seconds, residual, ac
 
 /// Position in the file of each scene number that is recorded, -1 elsewhere.
 class Selection {
- public:
+public:
   Selection(const std::optional<std::vector<std::int64_t>>& blocks) : blocks_(blocks) {}
   /// @param scene_number  of a state or constraint; `per_block` of them belong to each element
   PetscInt position(PetscInt scene_number, PetscInt per_block) const {
@@ -27,14 +27,15 @@ class Selection {
     return blocks_ ? static_cast<PetscInt>(blocks_->size()) * per_block : all;
   }
 
- private:
+private:
   const std::optional<std::vector<std::int64_t>>& blocks_;
 };
 
 std::vector<PetscInt> positions(const Selection& selection, const std::vector<PetscInt>& scene_numbers,
                                 PetscInt per_block) {
   std::vector<PetscInt> result;
-  for (const PetscInt number : scene_numbers) result.push_back(selection.position(number, per_block));
+  for (const PetscInt number : scene_numbers)
+    result.push_back(selection.position(number, per_block));
   return result;
 }
 
@@ -48,8 +49,8 @@ struct Recorder::Layout {
   PetscInt recorded_states, recorded_outputs, recorded_constraints;
   std::vector<std::string> output_names;
 
-  static Layout find(const OutputSpec& output, const LinearSystem& system, const RelativeDegree& relative_degree,
-                     const ConstrainedDvi& dvi) {
+  static Layout find(const OutputSpec& output, const LinearSystem& system,
+                     const RelativeDegree& relative_degree, const ConstrainedDvi& dvi) {
     const MPI_Comm comm = system.comm();
     const Selection selection(output.blocks);
     const auto per_block = static_cast<PetscInt>(std::max<std::size_t>(1, system.state_names.size()));
@@ -76,14 +77,11 @@ struct Recorder::Layout {
         output_positions.push_back(kept ? first[static_cast<std::size_t>(number)] + i : -1);
     }
 
-    Layout layout{output,
-                  FileOrder(comm, positions(selection, system.state_order, per_block), states),
-                  std::nullopt,
-                  FileOrder(comm, positions(selection, system.constraint_order, 1), constraints),
-                  states,
-                  first.back(),
-                  constraints,
-                  {}};
+    Layout layout{
+        output,       FileOrder(comm, positions(selection, system.state_order, per_block), states),
+        std::nullopt, FileOrder(comm, positions(selection, system.constraint_order, 1), constraints),
+        states,       first.back(),
+        constraints,  {}};
     if (has_outputs != 0) layout.outputs.emplace(comm, output_positions, first.back());
     const bool uniform = relative_degree.lowest == relative_degree.highest;
     for (std::size_t a = 0; a < (uniform ? 1 : width.size()); ++a)
@@ -103,27 +101,41 @@ struct Recorder::Layout {
     const auto real = FieldSpec::Type::real;
     const auto integer = FieldSpec::Type::integer;
     specs.push_back({"/t", real, {}, 0, 0, "s", "time", {}});
-    specs.push_back(slice(states, recorded_states,
-                          {"/x", real, {}, 0, 0, "1", "states in the scene's coordinates and order", system.state_names}));
-    specs.push_back(slice(constraints, recorded_constraints, {"/w", real, {}, 0, 0, "1", "constraint values", {}}));
+    specs.push_back(slice(
+        states, recorded_states,
+        {"/x", real, {}, 0, 0, "1", "states in the scene's coordinates and order", system.state_names}));
+    specs.push_back(
+        slice(constraints, recorded_constraints, {"/w", real, {}, 0, 0, "1", "constraint values", {}}));
     specs.push_back(slice(constraints, recorded_constraints,
-                          {"/mu", real, {static_cast<hsize_t>(mu_levels)}, 0, 0, "1",
-                           "measures of the steps since the last row, per constraint and level", {}}));
-    specs.push_back(slice(constraints, recorded_constraints,
-                          {"/level", integer, {}, 0, 0, "1", "r*, levels that the step ending at t could act on", {}}));
-    specs.push_back({"/solver/iterations", integer, {}, 0, 0, "1", "Newton iterations since the last row", {}});
-    specs.push_back({"/solver/seconds", real, {}, 0, 0, "s", "wall time of the steps since the last row", {}});
-    specs.push_back({"/solver/residual", real, {}, 0, 0, "1", "worst certificate ratio since the last row", {}});
+                          {"/mu",
+                           real,
+                           {static_cast<hsize_t>(mu_levels)},
+                           0,
+                           0,
+                           "1",
+                           "measures of the steps since the last row, per constraint and level",
+                           {}}));
+    specs.push_back(
+        slice(constraints, recorded_constraints,
+              {"/level", integer, {}, 0, 0, "1", "r*, levels that the step ending at t could act on", {}}));
+    specs.push_back(
+        {"/solver/iterations", integer, {}, 0, 0, "1", "Newton iterations since the last row", {}});
+    specs.push_back(
+        {"/solver/seconds", real, {}, 0, 0, "s", "wall time of the steps since the last row", {}});
+    specs.push_back(
+        {"/solver/residual", real, {}, 0, 0, "1", "worst certificate ratio since the last row", {}});
     specs.push_back({"/solver/active", integer, {}, 0, 0, "1", "constraints in contact", {}});
     if (outputs)
-      specs.push_back(slice(*outputs, recorded_outputs,
-                            {"/z", real, {}, 0, 0, "1", "outputs, constraint by constraint, level by level", output_names}));
+      specs.push_back(slice(
+          *outputs, recorded_outputs,
+          {"/z", real, {}, 0, 0, "1", "outputs, constraint by constraint, level by level", output_names}));
     return specs;
   }
 };
 
 Recorder::Recorder(const std::string& path, bool overwrite, const OutputSpec& output, const TimeSpec& time,
-                   const LinearSystem& system, const RelativeDegree& relative_degree, const ConstrainedDvi& dvi)
+                   const LinearSystem& system, const RelativeDegree& relative_degree,
+                   const ConstrainedDvi& dvi)
     : Recorder(Layout::find(output, system, relative_degree, dvi), path, overwrite, time, system, dvi) {}
 
 Recorder::Recorder(Layout layout, const std::string& path, bool overwrite, const TimeSpec& time,
@@ -141,20 +153,22 @@ Recorder::Recorder(Layout layout, const std::string& path, bool overwrite, const
              .overwrite = overwrite,
              .events = true,
              .impulse_units = "1"}) {
-  if (layout.output.blocks) file_.list("/element", *layout.output.blocks, "1", "element numbers of the columns");
+  if (layout.output.blocks)
+    file_.list("/element", *layout.output.blocks, "1", "element numbers of the columns");
   mu_.assign(dvi.mu().size(), 0.0);
   write_row(time.start);
 }
 
 void Recorder::step(const Step& step, const StepReport& report, double seconds) {
   const std::vector<double>& measures = dvi_.mu();
-  for (std::size_t k = 0; k < mu_.size(); ++k) mu_[k] += measures[k];
+  for (std::size_t k = 0; k < mu_.size(); ++k)
+    mu_[k] += measures[k];
   iterations_ += report.iterations;
   seconds_ += seconds;
   residual_ = std::max(residual_, report.residual);
   for (const StepEvent& event : dvi_.events())
-    file_.add_event({step.t_new, system_.constraint_order[static_cast<std::size_t>(event.constraint)], event.level,
-                     event.impact ? Event::Kind::impact : Event::Kind::liftoff, event.impulse});
+    file_.add_event({step.t_new, system_.constraint_order[static_cast<std::size_t>(event.constraint)],
+                     event.level, event.impact ? Event::Kind::impact : Event::Kind::liftoff, event.impulse});
   pending_ = step.t_new;
   if (step.number % every_ == 0 || step.number == last_step_) write_row(step.t_new);
 }
@@ -175,14 +189,18 @@ void Recorder::write_row(double time) {
   slice_.resize(slice);
   double* const measures = file_.real(Field::mu);
   for (std::size_t i = 0; i < levels; ++i) {
-    for (std::size_t a = 0; a < local; ++a) column_[a] = mu_[a * levels + i];
+    for (std::size_t a = 0; a < local; ++a)
+      column_[a] = mu_[a * levels + i];
     constraints_.bring(column_.data(), slice_.data());
-    for (std::size_t a = 0; a < slice; ++a) measures[a * levels + i] = slice_[a];
+    for (std::size_t a = 0; a < slice; ++a)
+      measures[a * levels + i] = slice_[a];
   }
-  for (std::size_t a = 0; a < local; ++a) column_[a] = dvi_.level()[a];
+  for (std::size_t a = 0; a < local; ++a)
+    column_[a] = dvi_.level()[a];
   constraints_.bring(column_.data(), slice_.data());
   std::int32_t* const level_slice = file_.integer(Field::level);
-  for (std::size_t a = 0; a < slice; ++a) level_slice[a] = static_cast<std::int32_t>(slice_[a]);
+  for (std::size_t a = 0; a < slice; ++a)
+    level_slice[a] = static_cast<std::int32_t>(slice_[a]);
 
   std::int64_t in_contact = dvi_.active();
   MPI_Allreduce(MPI_IN_PLACE, &in_contact, 1, MPI_INT64_T, MPI_SUM, comm_);

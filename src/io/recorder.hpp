@@ -17,7 +17,7 @@ namespace sweepvi {
 /// Writes the trajectory of a linear system: each `every`-th step, the first and the last, in scene order.
 /// All calls are collective.
 class Recorder {
- public:
+public:
   /// Opens `path` and records the initial state.
   /// @throws Error (output) on every rank if the file cannot be made
   Recorder(const std::string& path, bool overwrite, const OutputSpec& output, const TimeSpec& time,
@@ -30,10 +30,10 @@ class Recorder {
   /// Writes the last step taken, if it is not there yet, and gives the file its name.
   void finish();
 
- private:
+private:
   struct Layout;  // what goes where, found before the file is opened
-  Recorder(Layout layout, const std::string& path, bool overwrite, const TimeSpec& time, const LinearSystem& system,
-           const ConstrainedDvi& dvi);
+  Recorder(Layout layout, const std::string& path, bool overwrite, const TimeSpec& time,
+           const LinearSystem& system, const ConstrainedDvi& dvi);
   void write_row(double t);
 
   MPI_Comm comm_;

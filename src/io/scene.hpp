@@ -18,10 +18,10 @@ namespace sweepvi {
 /// `[time]`: K = max(1, round((end - start) / step)) steps of h = (end - start) / K.
 struct TimeSpec {
   Scheme scheme = Scheme::homsp;
-  double start = 0.0;       ///< [s]
-  double end = 0.0;         ///< [s]
-  double step = 0.0;        ///< h [s], already adjusted to hit `end`
-  std::int64_t steps = 0;   ///< K
+  double start = 0.0;      ///< [s]
+  double end = 0.0;        ///< [s]
+  double step = 0.0;       ///< h [s], already adjusted to hit `end`
+  std::int64_t steps = 0;  ///< K
   double time(std::int64_t k) const { return k == steps ? end : start + static_cast<double>(k) * step; }
 };
 
@@ -62,13 +62,13 @@ struct OutputSpec {
 };
 
 struct Scene {
-  std::string path;   ///< as given
-  std::string text;   ///< the file's bytes
+  std::string path;  ///< as given
+  std::string text;  ///< the file's bytes
   std::string title;
   TimeSpec time;
   std::variant<LinearSpec, ChainSpec> model;
   OutputSpec output;
-  std::string petsc_options;  ///< `[petsc] options`
+  std::string petsc_options;       ///< `[petsc] options`
   bool petsc_options_set = false;  ///< they came from --set, which outranks PETSC_OPTIONS
 };
 
@@ -76,7 +76,8 @@ struct Scene {
 using Overrides = std::vector<std::pair<std::string, std::string>>;
 
 /// Reads and checks a scene.
-/// @throws Error (bad_input) on every rank: unknown key (with the nearest known), wrong type, shape or range, missing
+/// @throws Error (bad_input) on every rank: unknown key (with the nearest known), wrong type, shape or range,
+/// missing
 ///         file, non-finite number, a key or value that is not built yet.
 /// @note Collective on `comm`; rank 0 alone touches files.
 Scene read_scene(MPI_Comm comm, const std::string& path, const Overrides& overrides);

@@ -16,8 +16,12 @@ constexpr double golden_fraction = 0.6180339887498949;
 void add_row(RowBuilder& rows, const ChainSpec& spec, PetscInt i, PetscInt j) {
   const PetscInt own = states_per_element * i;
   switch (j) {
-    case 0: rows.add(own + 1, 1.0); break;
-    case 1: rows.add(own + 2, 1.0); break;
+    case 0:
+      rows.add(own + 1, 1.0);
+      break;
+    case 1:
+      rows.add(own + 2, 1.0);
+      break;
     case 2: {
       rows.add(own, spec.a1[i] - 2.0 * spec.coupling);
       rows.add(own + 1, spec.a2[i]);
@@ -31,7 +35,9 @@ void add_row(RowBuilder& rows, const ChainSpec& spec, PetscInt i, PetscInt j) {
       if (spec.ring && i == last) rows.add(0, spec.coupling);
       break;
     }
-    case 3: rows.add(own + 4, 1.0); break;
+    case 3:
+      rows.add(own + 4, 1.0);
+      break;
     default:
       rows.add(own, 1.0);
       rows.add(own + 3, -1.0);
@@ -77,7 +83,8 @@ LinearSystem make_chain(MPI_Comm comm, const ChainSpec& spec) {
     const WriteArray x(system.x0.get());
     for (PetscInt i = first; i < last; ++i) {
       const double golden = static_cast<double>(i) * golden_fraction;
-      if (spec.x0.empty()) x[states_per_element * (i - first)] = spec.base[i] + spec.spread[i] * (golden - std::floor(golden));
+      if (spec.x0.empty())
+        x[states_per_element * (i - first)] = spec.base[i] + spec.spread[i] * (golden - std::floor(golden));
     }
     if (!spec.x0.empty())
       for (PetscInt k = 0; k < local_states; ++k)
@@ -90,7 +97,8 @@ LinearSystem make_chain(MPI_Comm comm, const ChainSpec& spec) {
   for (PetscInt i = first; i < last && system.f.any; ++i) {
     const Signal& force = spec.force[i];
     if (force.is_zero()) continue;
-    (force.varies() ? system.f.varying : system.f.constant).push_back({states_per_element * (i - first) + 2, force});
+    (force.varies() ? system.f.varying : system.f.constant)
+        .push_back({states_per_element * (i - first) + 2, force});
   }
   return system;
 }

@@ -16,7 +16,8 @@ std::vector<int> counts_on_root(MPI_Comm comm, PetscInt mine) {
 
 std::vector<int> starts_of(const std::vector<int>& counts) {
   std::vector<int> starts(counts.size(), 0);
-  for (std::size_t i = 1; i < counts.size(); ++i) starts[i] = starts[i - 1] + counts[i - 1];
+  for (std::size_t i = 1; i < counts.size(); ++i)
+    starts[i] = starts[i - 1] + counts[i - 1];
   return starts;
 }
 
@@ -37,7 +38,8 @@ Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_ro
   for (std::size_t i = 1; i < whole.row_starts.size(); ++i)
     lengths.push_back(whole.row_starts[i] - whole.row_starts[i - 1]);
   const auto my_lengths = scatter(comm, lengths, row_counts, static_cast<int>(local_rows), MPI_INT64_T);
-  const auto my_entries = static_cast<int>(std::accumulate(my_lengths.begin(), my_lengths.end(), std::int64_t{0}));
+  const auto my_entries =
+      static_cast<int>(std::accumulate(my_lengths.begin(), my_lengths.end(), std::int64_t{0}));
   const std::vector<int> entry_counts = counts_on_root(comm, my_entries);
   const auto columns = scatter(comm, whole.columns, entry_counts, my_entries, MPI_INT64_T);
   const auto values = scatter(comm, whole.values, entry_counts, my_entries, MPI_DOUBLE);
@@ -65,7 +67,8 @@ namespace {
 LinearSystem from_spec(MPI_Comm comm, LinearSpec& spec) {
   PetscInt sizes[3] = {static_cast<PetscInt>(spec.A.rows), static_cast<PetscInt>(spec.C.rows), 0};
   if (spec.D)
-    for (const double value : spec.D->values) sizes[2] = sizes[2] != 0 || value != 0.0 ? 1 : 0;
+    for (const double value : spec.D->values)
+      sizes[2] = sizes[2] != 0 || value != 0.0 ? 1 : 0;
   MPI_Bcast(sizes, 3, MPIU_INT, 0, comm);
   PetscInt states = PETSC_DECIDE;
   PetscInt constraints = PETSC_DECIDE;
@@ -76,7 +79,8 @@ LinearSystem from_spec(MPI_Comm comm, LinearSpec& spec) {
   system.A = scatter_rows(comm, spec.A, states, states);
   system.B = scatter_rows(comm, spec.B, states, constraints);
   system.C = scatter_rows(comm, spec.C, constraints, states);
-  if (sizes[2] != 0) system.D = scatter_rows(comm, spec.D.value_or(SparseEntries{}), constraints, constraints);
+  if (sizes[2] != 0)
+    system.D = scatter_rows(comm, spec.D.value_or(SparseEntries{}), constraints, constraints);
   system.x0 = scatter_vector(comm, spec.x0, states);
   system.w0 = scatter_vector(comm, spec.w0, constraints);
   const LocalRange rows = row_range(system.A.get());

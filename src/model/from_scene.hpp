@@ -5,8 +5,8 @@
 
 namespace sweepvi {
 
-/// The linear system a scene describes; rows dealt out in order. A file's matrices come from rank 0. The scene's own
-/// copy is emptied. @note Collective on `comm`.
+/// The linear system a scene describes; rows dealt out in order. A file's matrices come from rank 0. The
+/// scene's own copy is emptied. @note Collective on `comm`.
 LinearSystem make_linear_system(MPI_Comm comm, Scene& scene);
 
 /// Deals a sparse matrix on rank 0 out by rows; this rank gets `local_rows` of them. @note Collective.

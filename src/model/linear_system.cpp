@@ -25,11 +25,15 @@ void Forcing::add_to(Vec y, double t, int order, double factor) const {
   if (constant.empty() && varying.empty()) return;
   const WriteArray values(y);
   if (order == 0)
-    for (const Entry& entry : constant) values[entry.local] += factor * entry.signal.value(t);
-  for (const Entry& entry : varying) values[entry.local] += factor * entry.signal.value(t, order);
+    for (const Entry& entry : constant)
+      values[entry.local] += factor * entry.signal.value(t);
+  for (const Entry& entry : varying)
+    values[entry.local] += factor * entry.signal.value(t, order);
 }
 
-MPI_Comm LinearSystem::comm() const { return PetscObjectComm(reinterpret_cast<PetscObject>(A.get())); }
+MPI_Comm LinearSystem::comm() const {
+  return PetscObjectComm(reinterpret_cast<PetscObject>(A.get()));
+}
 
 PetscInt LinearSystem::states() const {
   PetscInt n = 0;
@@ -80,7 +84,8 @@ LinearSystem LinearSystem::dense(MPI_Comm comm, PetscInt n, PetscInt m, const st
 
   const LocalRange states = share(comm, n);
   const LocalRange constraints = share(comm, m);
-  const auto rows = [&](const std::vector<double>& values, LocalRange range, PetscInt columns, PetscInt local_columns) {
+  const auto rows = [&](const std::vector<double>& values, LocalRange range, PetscInt columns,
+                        PetscInt local_columns) {
     RowBuilder builder;
     for (PetscInt i = range.first; i < range.last; ++i) {
       for (PetscInt j = 0; j < columns; ++j) {
@@ -96,16 +101,19 @@ LinearSystem LinearSystem::dense(MPI_Comm comm, PetscInt n, PetscInt m, const st
   system.B = rows(b, states, m, constraints.size());
   system.C = rows(c, constraints, n, states.size());
   bool any_d = false;
-  for (const double value : d) any_d = any_d || value != 0.0;
+  for (const double value : d)
+    any_d = any_d || value != 0.0;
   if (any_d) system.D = rows(d, constraints, m, constraints.size());
   system.x0 = make_vector(comm, states.size());
   system.w0 = make_vector(comm, constraints.size());
   {
     const WriteArray x(system.x0.get());
     const WriteArray w(system.w0.get());
-    for (PetscInt i = 0; i < states.size(); ++i) x[i] = x0[static_cast<std::size_t>(states.first + i)];
+    for (PetscInt i = 0; i < states.size(); ++i)
+      x[i] = x0[static_cast<std::size_t>(states.first + i)];
     if (!w0.empty())
-      for (PetscInt i = 0; i < constraints.size(); ++i) w[i] = w0[static_cast<std::size_t>(constraints.first + i)];
+      for (PetscInt i = 0; i < constraints.size(); ++i)
+        w[i] = w0[static_cast<std::size_t>(constraints.first + i)];
   }
   if (!f.empty()) system.f = Forcing::from(f, states.first, states.last);
   system.state_order.resize(static_cast<std::size_t>(states.size()));

@@ -13,9 +13,9 @@ namespace sweepvi {
 
 namespace {
 
-constexpr Eigen::Index dense_limit = 300;    // coupled constraints examined densely
-constexpr Eigen::Index minors_limit = 14;    // 2^14 principal minors
-constexpr double singular_rtol = 1e-12;      // smallest over largest singular value
+constexpr Eigen::Index dense_limit = 300;  // coupled constraints examined densely
+constexpr Eigen::Index minors_limit = 14;  // 2^14 principal minors
+constexpr double singular_rtol = 1e-12;    // smallest over largest singular value
 
 using Solvability = MarkovReport::Solvability;
 
@@ -57,11 +57,14 @@ bool all_principal_minors_positive(const Eigen::MatrixXd& m) {
   return true;
 }
 
-Solvability worse(Solvability a, Solvability b) { return static_cast<int>(a) > static_cast<int>(b) ? a : b; }
+Solvability worse(Solvability a, Solvability b) {
+  return static_cast<int>(a) > static_cast<int>(b) ? a : b;
+}
 
 std::string list(const std::vector<PetscInt>& numbers) {
   std::string text;
-  for (std::size_t i = 0; i < numbers.size() && i < 10; ++i) text += (i > 0 ? ", " : "") + std::to_string(numbers[i]);
+  for (std::size_t i = 0; i < numbers.size() && i < 10; ++i)
+    text += (i > 0 ? ", " : "") + std::to_string(numbers[i]);
   return numbers.size() > 10 ? text + ", ..." : text;
 }
 
@@ -77,7 +80,8 @@ void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet
                    const std::vector<PetscInt>& scene_number, MarkovReport& report) {
   const auto size = static_cast<Eigen::Index>(group.size());
   std::vector<PetscInt> names;
-  for (const PetscInt i : group) names.push_back(scene_number[static_cast<std::size_t>(i)]);
+  for (const PetscInt i : group)
+    names.push_back(scene_number[static_cast<std::size_t>(i)]);
   if (size > dense_limit) {
     report.condition_known = false;
     // Strict diagonal dominance of the symmetric part still proves it positive definite.
@@ -90,9 +94,10 @@ void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet
         slack[static_cast<std::size_t>(entry.column)] -= 0.5 * std::abs(entry.value);
       }
     }
-    const bool dominant =
-        std::all_of(group.begin(), group.end(), [&](PetscInt i) { return slack[static_cast<std::size_t>(i)] > 0.0; });
-    report.solvability = worse(report.solvability, dominant ? Solvability::positive_definite : Solvability::not_checked);
+    const bool dominant = std::all_of(group.begin(), group.end(),
+                                      [&](PetscInt i) { return slack[static_cast<std::size_t>(i)] > 0.0; });
+    report.solvability =
+        worse(report.solvability, dominant ? Solvability::positive_definite : Solvability::not_checked);
     return;
   }
   Eigen::MatrixXd m = Eigen::MatrixXd::Zero(size, size);
@@ -106,23 +111,29 @@ void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet
   const double smallest = svd.singularValues()(size - 1);
   const bool singular = smallest <= singular_rtol * largest;
   const Eigen::MatrixXd symmetric = 0.5 * (m + m.transpose());
-  const double lowest = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(symmetric, Eigen::EigenvaluesOnly).eigenvalues()(0);
+  const double lowest =
+      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(symmetric, Eigen::EigenvaluesOnly).eigenvalues()(0);
   if (singular && !first_order)
-    throw InputError("model: the leading Markov matrix C A^{r-1} B is singular: constraints " +
-                     list(dependent(svd.matrixU(), names)) +
-                     " depend on each other, so lambda cannot hold them independently (no vector relative degree); "
-                     "merge or drop one of them");
-  if (!singular) report.condition = std::max(report.condition, largest / smallest);
-  else report.condition = std::numeric_limits<double>::infinity();
+    throw InputError(
+        "model: the leading Markov matrix C A^{r-1} B is singular: constraints " +
+        list(dependent(svd.matrixU(), names)) +
+        " depend on each other, so lambda cannot hold them independently (no vector relative degree); "
+        "merge or drop one of them");
+  if (!singular)
+    report.condition = std::max(report.condition, largest / smallest);
+  else
+    report.condition = std::numeric_limits<double>::infinity();
   if (lowest > 0.0) return;
   if (first_order && lowest >= -singular_rtol * largest) {
     report.solvability = worse(report.solvability, Solvability::positive_semidefinite);
   } else if (size <= minors_limit) {
     if (!all_principal_minors_positive(m) && !first_order)
-      throw InputError("model: the leading Markov matrix C A^{r-1} B of constraints " + list(names) +
-                       " is not a P-matrix (a principal minor is not positive): a step could have no solution, or "
-                       "several; check the signs of B and C");
-    report.solvability = worse(report.solvability, first_order ? Solvability::not_checked : Solvability::p_matrix);
+      throw InputError(
+          "model: the leading Markov matrix C A^{r-1} B of constraints " + list(names) +
+          " is not a P-matrix (a principal minor is not positive): a step could have no solution, or "
+          "several; check the signs of B and C");
+    report.solvability =
+        worse(report.solvability, first_order ? Solvability::not_checked : Solvability::p_matrix);
   } else {
     report.solvability = worse(report.solvability, Solvability::not_checked);
   }
@@ -137,12 +148,16 @@ MarkovReport check_markov_matrix(const LinearSystem& system, const RelativeDegre
   for (std::size_t a = 0; a < relative_degree.degree.size() && !complaint; ++a) {
     const double own = relative_degree.markov_diagonal[a];
     if (own < 0.0 && relative_degree.degree[a] > 0)
-      complaint = InputError("model: " + constraint_name(system, a) + " has a negative leading Markov parameter C A^{r-1} B = " +
-                             std::to_string(own) + " (r = " + std::to_string(relative_degree.degree[a]) +
-                             "): lambda >= 0 would push it out of its set; change the sign of its column of B");
+      complaint =
+          InputError("model: " + constraint_name(system, a) +
+                     " has a negative leading Markov parameter C A^{r-1} B = " + std::to_string(own) +
+                     " (r = " + std::to_string(relative_degree.degree[a]) +
+                     "): lambda >= 0 would push it out of its set; change the sign of its column of B");
     else if (own == 0.0 && !first_order)
-      complaint = InputError("model: " + constraint_name(system, a) + " is not reached by its own multiplier (diagonal "
-                             "entry of C A^{r-1} B is 0, r = " + std::to_string(relative_degree.degree[a]) +
+      complaint = InputError("model: " + constraint_name(system, a) +
+                             " is not reached by its own multiplier (diagonal "
+                             "entry of C A^{r-1} B is 0, r = " +
+                             std::to_string(relative_degree.degree[a]) +
                              "); order the columns of B like the rows of C");
   }
   agree(comm, complaint);
@@ -171,7 +186,8 @@ MarkovReport check_markov_matrix(const LinearSystem& system, const RelativeDegre
         coupled_groups(static_cast<PetscInt>(scene_number.size()), entries);
     std::vector<PetscInt> group_of(scene_number.size());
     for (std::size_t g = 0; g < groups.size(); ++g)
-      for (const PetscInt i : groups[g]) group_of[static_cast<std::size_t>(i)] = static_cast<PetscInt>(g);
+      for (const PetscInt i : groups[g])
+        group_of[static_cast<std::size_t>(i)] = static_cast<PetscInt>(g);
     std::vector<std::vector<Triplet>> entries_of(groups.size());
     for (const Triplet& entry : entries)
       if (entry.value != 0.0)
@@ -185,7 +201,8 @@ MarkovReport check_markov_matrix(const LinearSystem& system, const RelativeDegre
   return report;
 }
 
-ZeroDynamics zero_dynamics(const LinearSystem& system, const RelativeDegree& relative_degree, PetscInt limit) {
+ZeroDynamics zero_dynamics(const LinearSystem& system, const RelativeDegree& relative_degree,
+                           PetscInt limit) {
   ZeroDynamics result;
   result.size = system.states() - relative_degree.outputs;
   result.largest_real_part = std::numeric_limits<double>::quiet_NaN();
@@ -196,7 +213,8 @@ ZeroDynamics zero_dynamics(const LinearSystem& system, const RelativeDegree& rel
     PetscInt columns = 0;
     check(MatGetSize(matrix, &rows, &columns));
     Eigen::MatrixXd full = Eigen::MatrixXd::Zero(rows, columns);
-    for (const Triplet& entry : gather_entries(matrix)) full(entry.row, entry.column) = entry.value;
+    for (const Triplet& entry : gather_entries(matrix))
+      full(entry.row, entry.column) = entry.value;
     return full;
   };
   const Eigen::MatrixXd A = dense(system.A.get());
@@ -214,7 +232,8 @@ ZeroDynamics zero_dynamics(const LinearSystem& system, const RelativeDegree& rel
   if (rank == 0) {
     // lambda = -M^{-1} C A^r x holds the outputs; what remains moves in the kernel of Z.
     Eigen::MatrixXd top(static_cast<Eigen::Index>(last.size()), A.cols());
-    for (std::size_t a = 0; a < last.size(); ++a) top.row(static_cast<Eigen::Index>(a)) = Z.row(last[a]);
+    for (std::size_t a = 0; a < last.size(); ++a)
+      top.row(static_cast<Eigen::Index>(a)) = Z.row(last[a]);
     const Eigen::MatrixXd held = A - B * M.fullPivLu().solve(top * A);
     const Eigen::MatrixXd kernel =
         Eigen::MatrixXd(Z.transpose().fullPivHouseholderQr().matrixQ()).rightCols(result.size);

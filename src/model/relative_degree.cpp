@@ -12,7 +12,8 @@ namespace sweepvi {
 
 namespace {
 
-constexpr double rounding = 64 * std::numeric_limits<double>::epsilon();  // a cancelled entry, relative to its terms
+constexpr double rounding =
+    64 * std::numeric_limits<double>::epsilon();  // a cancelled entry, relative to its terms
 constexpr double count_tolerance = 1e-10;  // far above rounding, far below what a model means by "coupled"
 constexpr int highest_degree = 64;         // chains with more lags than this are a modelling error
 
@@ -35,7 +36,8 @@ Rows local_rows(Mat matrix) {
   Rows rows;
   for_each_row(matrix, [&](PetscInt, auto columns, auto values) {
     SparseRow& row = rows.emplace_back();
-    for (std::size_t k = 0; k < columns.size(); ++k) row.emplace_back(columns[k], values[k]);
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      row.emplace_back(columns[k], values[k]);
   });
   return rows;
 }
@@ -90,7 +92,8 @@ Outputs find_outputs(const LinearSystem& system, RelativeDegree& result) {
   }
 
   for (int level = 1; level <= limit; ++level) {
-    if (!anywhere(comm, std::any_of(p.begin(), p.end(), [](const SparseRow& row) { return !row.empty(); }))) break;
+    if (!anywhere(comm, std::any_of(p.begin(), p.end(), [](const SparseRow& row) { return !row.empty(); })))
+      break;
     const Matrix p_matrix = matrix_of(comm, p, local_states);
     const Matrix magnitude_matrix = matrix_of(comm, magnitude, local_states);
     Rows reach = local_rows(multiply(p_matrix.get(), system.B.get()).get());
@@ -131,12 +134,13 @@ Outputs find_outputs(const LinearSystem& system, RelativeDegree& result) {
   return out;
 }
 
-// d_{a,i} = sum_k gamma_k A^k B_a with z_{a,j}(d) = delta_ij: an upper triangular Toeplitz system in the constraint's
-// own Markov parameters h_p = C_a A^p B_a, which vanish for p < r - 1.
+// d_{a,i} = sum_k gamma_k A^k B_a with z_{a,j}(d) = delta_ij: an upper triangular Toeplitz system in the
+// constraint's own Markov parameters h_p = C_a A^p B_a, which vanish for p < r - 1.
 Rows own_directions(const Rows& z, const Rows& krylov, double& markov_diagonal) {
   const std::size_t r = z.size();
   std::vector<double> h(r);  // h[k] = C_a A^{r-1+k} B_a
-  for (std::size_t k = 0; k < r; ++k) h[k] = dot(z.back(), krylov[k]);
+  for (std::size_t k = 0; k < r; ++k)
+    h[k] = dot(z.back(), krylov[k]);
   markov_diagonal = h[0];
   Rows directions(r);
   if (h[0] == 0.0) return directions;  // check_markov_matrix says what to do about it
@@ -146,14 +150,16 @@ Rows own_directions(const Rows& z, const Rows& krylov, double& markov_diagonal) 
     gamma[top] = 1.0 / h[0];
     for (std::size_t l = top; l-- > 0;) {
       double sum = 0.0;
-      for (std::size_t k = l + 1; k <= top; ++k) sum += gamma[k] * h[k - l];
+      for (std::size_t k = l + 1; k <= top; ++k)
+        sum += gamma[k] * h[k - l];
       gamma[l] = -sum / h[0];
     }
     SparseRow magnitude;
     for (std::size_t k = 0; k <= top; ++k) {
       directions[i - 1] = add(directions[i - 1], gamma[k], krylov[k]);
       SparseRow absolute = krylov[k];
-      for (auto& entry : absolute) entry.second = std::abs(entry.second);
+      for (auto& entry : absolute)
+        entry.second = std::abs(entry.second);
       magnitude = add(magnitude, std::abs(gamma[k]), absolute);
     }
     drop_rounding(directions[i - 1], magnitude);
@@ -161,8 +167,10 @@ Rows own_directions(const Rows& z, const Rows& krylov, double& markov_diagonal) 
   return directions;
 }
 
-// Are all outputs states of their own, each pushed by its own measure alone? Then the box VI needs no multipliers.
-bool outputs_are_states(const LinearSystem& system, const std::vector<Rows>& z, const std::vector<Rows>& directions) {
+// Are all outputs states of their own, each pushed by its own measure alone? Then the box VI needs no
+// multipliers.
+bool outputs_are_states(const LinearSystem& system, const std::vector<Rows>& z,
+                        const std::vector<Rows>& directions) {
   bool fits = !system.D;
   std::vector<PetscInt> used;
   for (std::size_t a = 0; a < z.size() && fits; ++a) {
@@ -189,10 +197,11 @@ RelativeDegree analyse_relative_degree(const LinearSystem& system) {
   std::optional<Error> complaint;
   for (std::size_t a = 0; a < count && !complaint; ++a) {
     if (result.degree[a] < 0)
-      complaint = InputError("model: " + constraint_name(system, a) +
-                             " has no relative degree: lambda never reaches it (C A^{i-1} B = 0 for i = 1 ... " +
-                             std::to_string(std::min<PetscInt>(system.states(), highest_degree)) +
-                             "); check its rows of C and the columns of B");
+      complaint =
+          InputError("model: " + constraint_name(system, a) +
+                     " has no relative degree: lambda never reaches it (C A^{i-1} B = 0 for i = 1 ... " +
+                     std::to_string(std::min<PetscInt>(system.states(), highest_degree)) +
+                     "); check its rows of C and the columns of B");
   }
   agree(comm, complaint);
 
@@ -207,9 +216,10 @@ RelativeDegree analyse_relative_degree(const LinearSystem& system) {
   if (result.lowest == 0 && result.highest > 1) {
     for (std::size_t a = 0; a < count && !complaint; ++a) {
       if (result.degree[a] > 1)
-        complaint = InputError("model.D: " + constraint_name(system, a) + " has relative degree " +
-                               std::to_string(result.degree[a]) +
-                               ", but a scene with D needs degrees 0 and 1 throughout; drop D or that constraint");
+        complaint =
+            InputError("model.D: " + constraint_name(system, a) + " has relative degree " +
+                       std::to_string(result.degree[a]) +
+                       ", but a scene with D needs degrees 0 and 1 throughout; drop D or that constraint");
     }
     agree(comm, complaint);
   }
@@ -236,7 +246,8 @@ RelativeDegree analyse_relative_degree(const LinearSystem& system) {
   result.first_level.assign(1, 0);
   for (std::size_t a = 0; a < count; ++a) {
     if (result.degree[a] == 0) {
-      result.markov_diagonal[a] = lookup(outputs.markov[a], row_range(system.C.get()).first + static_cast<PetscInt>(a));
+      result.markov_diagonal[a] =
+          lookup(outputs.markov[a], row_range(system.C.get()).first + static_cast<PetscInt>(a));
     } else {
       all_directions[a] = own_directions(outputs.z[a], krylov[a], result.markov_diagonal[a]);
     }

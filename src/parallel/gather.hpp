@@ -57,11 +57,13 @@ struct Triplet {
   double value;
 };
 
-/// A whole sparse matrix on rank 0 (empty elsewhere), for analyses of small or weakly coupled matrices. @note Collective.
+/// A whole sparse matrix on rank 0 (empty elsewhere), for analyses of small or weakly coupled matrices. @note
+/// Collective.
 inline std::vector<Triplet> gather_entries(Mat matrix) {
   std::vector<Triplet> mine;
   for_each_row(matrix, [&](PetscInt row, auto columns, auto values) {
-    for (std::size_t k = 0; k < columns.size(); ++k) mine.push_back({row, columns[k], values[k]});
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      mine.push_back({row, columns[k], values[k]});
   });
   return gather(PetscObjectComm(reinterpret_cast<PetscObject>(matrix)), mine);
 }

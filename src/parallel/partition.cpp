@@ -20,7 +20,6 @@ struct Edge {
 };
 using Owners = std::vector<int>;
 
-
 /// State pairs in different blocks that A couples; pairs inside a block of this rank are left out early.
 std::vector<Edge> state_edges(const LinearSystem& system) {
   const LocalRange states = row_range(system.A.get());
@@ -29,7 +28,9 @@ std::vector<Edge> state_edges(const LinearSystem& system) {
     for (std::size_t k = 0; k < columns.size(); ++k) {
       const PetscInt column = columns[k];
       if (values[k] == 0.0 || column == row) continue;
-      const auto block_of = [&](PetscInt state) { return system.block[static_cast<std::size_t>(state - states.first)]; };
+      const auto block_of = [&](PetscInt state) {
+        return system.block[static_cast<std::size_t>(state - states.first)];
+      };
       if (states.contains(column) && block_of(column) == block_of(row)) continue;
       edges.push_back({row, column});
     }
@@ -37,9 +38,10 @@ std::vector<Edge> state_edges(const LinearSystem& system) {
   return edges;
 }
 
-/// Where each owned constraint lives, and the states it must share a rank with (its outputs) or would like to.
-void constraint_edges(const LinearSystem& system, const RelativeDegree& relative_degree, std::vector<PetscInt>& homes,
-                      std::vector<Edge>& together, std::vector<Edge>& edges) {
+/// Where each owned constraint lives, and the states it must share a rank with (its outputs) or would like
+/// to.
+void constraint_edges(const LinearSystem& system, const RelativeDegree& relative_degree,
+                      std::vector<PetscInt>& homes, std::vector<Edge>& together, std::vector<Edge>& edges) {
   const Matrix pushed = transpose(system.B.get());
   const LocalRange constraints = row_range(system.C.get());
   const LocalRange outputs = row_range(relative_degree.Z.get());
@@ -54,7 +56,8 @@ void constraint_edges(const LinearSystem& system, const RelativeDegree& relative
       }
     const auto local = static_cast<std::size_t>(a - constraints.first);
     if (relative_degree.outputs_are_states) {
-      home = get_row(relative_degree.Z.get(), outputs.first + relative_degree.first_level[local]).front().first;
+      home =
+          get_row(relative_degree.Z.get(), outputs.first + relative_degree.first_level[local]).front().first;
       for (PetscInt q = relative_degree.first_level[local]; q < relative_degree.first_level[local + 1]; ++q)
         together.push_back({home, get_row(relative_degree.Z.get(), outputs.first + q).front().first});
     }
@@ -70,7 +73,8 @@ PetscInt merge_blocks(std::vector<PetscInt>& block, PetscInt block_count, const 
   std::vector<PetscInt> parent(static_cast<std::size_t>(block_count));
   std::iota(parent.begin(), parent.end(), 0);
   const auto root = [&](PetscInt i) {
-    while (parent[static_cast<std::size_t>(i)] != i) i = parent[static_cast<std::size_t>(i)];
+    while (parent[static_cast<std::size_t>(i)] != i)
+      i = parent[static_cast<std::size_t>(i)];
     return i;
   };
   for (const auto& [a, b] : together) {
@@ -82,7 +86,8 @@ PetscInt merge_blocks(std::vector<PetscInt>& block, PetscInt block_count, const 
   PetscInt count = 0;
   for (PetscInt i = 0; i < block_count; ++i)
     if (root(i) == i) number[static_cast<std::size_t>(i)] = count++;
-  for (PetscInt& b : block) b = number[static_cast<std::size_t>(root(b))];
+  for (PetscInt& b : block)
+    b = number[static_cast<std::size_t>(root(b))];
   return count;
 }
 
@@ -96,7 +101,8 @@ Cut cut_graph(PetscInt blocks, const std::vector<PetscInt>& block, std::vector<E
     edge = {block[static_cast<std::size_t>(edge.first)], block[static_cast<std::size_t>(edge.second)]};
   std::erase_if(edges, [](const Edge& edge) { return edge.first == edge.second; });
   const std::size_t one_way = edges.size();
-  for (std::size_t i = 0; i < one_way; ++i) edges.push_back({edges[i].second, edges[i].first});
+  for (std::size_t i = 0; i < one_way; ++i)
+    edges.push_back({edges[i].second, edges[i].first});
   std::sort(edges.begin(), edges.end());
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
 
@@ -116,7 +122,8 @@ Cut cut_graph(PetscInt blocks, const std::vector<PetscInt>& block, std::vector<E
     neighbours.push_back(edge.second);
   }
   std::partial_sum(starts.begin(), starts.end(), starts.begin());
-  for (const PetscInt b : block) ++weights[static_cast<std::size_t>(b)];
+  for (const PetscInt b : block)
+    ++weights[static_cast<std::size_t>(b)];
   idx_t vertices = blocks;
   idx_t balances = 1;
   idx_t parts = ranks;
@@ -127,9 +134,10 @@ Cut cut_graph(PetscInt blocks, const std::vector<PetscInt>& block, std::vector<E
   options[METIS_OPTION_SEED] = 1;  // the same cut every time
   // Recursive bisection cuts better for few parts; k-way is the one that scales in their number.
   const auto partition = ranks <= 8 ? METIS_PartGraphRecursive : METIS_PartGraphKway;
-  const int status = partition(&vertices, &balances, starts.data(), neighbours.data(), weights.data(), nullptr, nullptr,
-                               &parts, nullptr, nullptr, options, &cut_edges, part.data());
-  if (status != METIS_OK) throw Error(ExitCode::internal, "METIS failed with status " + std::to_string(status));
+  const int status = partition(&vertices, &balances, starts.data(), neighbours.data(), weights.data(),
+                               nullptr, nullptr, &parts, nullptr, nullptr, options, &cut_edges, part.data());
+  if (status != METIS_OK)
+    throw Error(ExitCode::internal, "METIS failed with status " + std::to_string(status));
   cut.rank_of_block.assign(part.begin(), part.end());
   cut.edges = static_cast<PetscInt>(cut_edges);
   return cut;
@@ -198,8 +206,8 @@ std::vector<Forcing::Entry> moved(MPI_Comm comm, const std::vector<Forcing::Entr
   MPI_Datatype type = MPI_DATATYPE_NULL;
   MPI_Type_contiguous(static_cast<int>(sizeof(Forcing::Entry)), MPI_BYTE, &type);
   MPI_Type_commit(&type);
-  MPI_Alltoallv(send.data(), send_counts.data(), send_starts.data(), type, received.data(), receive_counts.data(),
-                receive_starts.data(), type, comm);
+  MPI_Alltoallv(send.data(), send_counts.data(), send_starts.data(), type, received.data(),
+                receive_counts.data(), receive_starts.data(), type, comm);
   MPI_Type_free(&type);
   for (Forcing::Entry& entry : received)
     entry.local = static_cast<PetscInt>(std::lower_bound(new_rows.begin(), new_rows.end(), entry.local) -
@@ -234,8 +242,10 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
     const PetscInt blocks = merge_blocks(block, system.block_count, together);
     const Cut cut = cut_graph(blocks, block, std::move(edges), ranks);
     system.edge_cut = cut.edges;
-    for (const PetscInt b : block) state_owner.push_back(cut.rank_of_block[static_cast<std::size_t>(b)]);
-    for (const PetscInt home : homes) constraint_owner.push_back(state_owner[static_cast<std::size_t>(home)]);
+    for (const PetscInt b : block)
+      state_owner.push_back(cut.rank_of_block[static_cast<std::size_t>(b)]);
+    for (const PetscInt home : homes)
+      constraint_owner.push_back(state_owner[static_cast<std::size_t>(home)]);
   });
   MPI_Bcast(&system.edge_cut, 1, MPIU_INT, 0, comm);
   broadcast(comm, state_owner);
@@ -253,7 +263,8 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
   std::vector<double> diagonals = gather(comm, relative_degree.markov_diagonal);
   broadcast(comm, diagonals);
   std::vector<PetscInt> first_output(degrees.size() + 1, 0);
-  for (std::size_t a = 0; a < degrees.size(); ++a) first_output[a + 1] = first_output[a] + degrees[a];
+  for (std::size_t a = 0; a < degrees.size(); ++a)
+    first_output[a + 1] = first_output[a] + degrees[a];
   std::vector<PetscInt> new_outputs;
   relative_degree.degree.clear();
   relative_degree.markov_diagonal.clear();
@@ -263,11 +274,12 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
     relative_degree.degree.push_back(degrees[at]);
     relative_degree.markov_diagonal.push_back(diagonals[at]);
     relative_degree.first_level.push_back(relative_degree.first_level.back() + degrees[at]);
-    for (PetscInt q = first_output[at]; q < first_output[at + 1]; ++q) new_outputs.push_back(q);
+    for (PetscInt q = first_output[at]; q < first_output[at + 1]; ++q)
+      new_outputs.push_back(q);
   }
   IndexSet outputs;
-  check(ISCreateGeneral(comm, static_cast<PetscInt>(new_outputs.size()), new_outputs.data(), PETSC_COPY_VALUES,
-                        outputs.put()));
+  check(ISCreateGeneral(comm, static_cast<PetscInt>(new_outputs.size()), new_outputs.data(),
+                        PETSC_COPY_VALUES, outputs.put()));
 
   system.A = permuted(system.A.get(), states, states);
   system.B = permuted(system.B.get(), states, constraints);
@@ -286,7 +298,8 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
   system.constraint_order = new_constraints;
   broadcast(comm, block);
   system.block.clear();
-  for (const PetscInt state : new_states) system.block.push_back(block[static_cast<std::size_t>(state)]);
+  for (const PetscInt state : new_states)
+    system.block.push_back(block[static_cast<std::size_t>(state)]);
 }
 
 }  // namespace sweepvi

@@ -23,7 +23,8 @@ void check(PetscErrorCode code, std::exception_ptr& parked) {
 namespace {
 
 void initialise(int argc, char** argv) {
-  // PETSc must neither abort on errors (they become exceptions) nor catch signals (the program has its own exit codes).
+  // PETSc must neither abort on errors (they become exceptions) nor catch signals (the program has its own
+  // exit codes).
   int count = argc;
   char** words = argv;
   if (PetscInitialize(&count, &words, nullptr, nullptr) != 0)
@@ -34,7 +35,9 @@ void initialise(int argc, char** argv) {
 
 }  // namespace
 
-Session::Session(int argc, char** argv) { initialise(argc, argv); }
+Session::Session(int argc, char** argv) {
+  initialise(argc, argv);
+}
 
 Session::Session(const std::string& program, const std::vector<std::string>& words) {
   // PETSc keeps argv (PetscGetArgs): give it words that live as long as the process.
@@ -43,11 +46,14 @@ Session::Session(const std::string& program, const std::vector<std::string>& wor
   storage.assign(1, program);
   storage.insert(storage.end(), words.begin(), words.end());
   pointers.clear();
-  for (std::string& word : storage) pointers.push_back(word.data());
+  for (std::string& word : storage)
+    pointers.push_back(word.data());
   pointers.push_back(nullptr);
   initialise(static_cast<int>(storage.size()), pointers.data());
 }
 
-Session::~Session() { static_cast<void>(PetscFinalize()); }
+Session::~Session() {
+  static_cast<void>(PetscFinalize());
+}
 
 }  // namespace sweepvi

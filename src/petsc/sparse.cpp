@@ -19,7 +19,8 @@ void normalise(SparseRow& row) {
 
 SparseRow add(const SparseRow& a, double factor, const SparseRow& b) {
   SparseRow sum = a;
-  for (const auto& [index, value] : b) sum.emplace_back(index, factor * value);
+  for (const auto& [index, value] : b)
+    sum.emplace_back(index, factor * value);
   normalise(sum);
   return sum;
 }
@@ -67,7 +68,8 @@ SparseRow get_row(Mat matrix, PetscInt row) {
   const PetscScalar* values = nullptr;
   check(MatGetRow(matrix, row, &count, &columns, &values));
   SparseRow result;
-  for (PetscInt k = 0; k < count; ++k) result.emplace_back(columns[k], values[k]);
+  for (PetscInt k = 0; k < count; ++k)
+    result.emplace_back(columns[k], values[k]);
   check(MatRestoreRow(matrix, row, &count, &columns, &values));
   return result;
 }
@@ -80,7 +82,8 @@ void make_absolute(Mat sequential) {
   PetscScalar* values = nullptr;
   check(MatSeqAIJGetArray(sequential, &values));
   const auto count = static_cast<std::size_t>(info.nz_used);
-  for (std::size_t k = 0; k < count; ++k) values[k] = std::abs(values[k]);
+  for (std::size_t k = 0; k < count; ++k)
+    values[k] = std::abs(values[k]);
   check(MatSeqAIJRestoreArray(sequential, &values));
 }
 

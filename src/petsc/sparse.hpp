@@ -21,19 +21,21 @@ SparseRow add(const SparseRow& a, double factor, const SparseRow& b);
 /// Sum over common indices.
 double dot(const SparseRow& a, const SparseRow& b);
 
-/// Collects the rows a rank owns, in order, and makes an AIJ matrix of them: no off-process traffic, exact preallocation.
+/// Collects the rows a rank owns, in order, and makes an AIJ matrix of them: no off-process traffic, exact
+/// preallocation.
 class RowBuilder {
- public:
+public:
   void add(PetscInt column, double value) { row_.emplace_back(column, value); }
   void add(const SparseRow& row, double factor = 1.0) {
-    for (const auto& [column, value] : row) row_.emplace_back(column, factor * value);
+    for (const auto& [column, value] : row)
+      row_.emplace_back(column, factor * value);
   }
   void end_row();
   /// @param local_columns  this rank's share of the columns (the layout of the vectors the matrix multiplies)
   /// @note Collective on `comm`. The builder is empty afterwards.
   Matrix finish(MPI_Comm comm, PetscInt local_columns);
 
- private:
+private:
   SparseRow row_;
   std::vector<PetscInt> starts_{0}, columns_;
   std::vector<double> values_;
@@ -50,7 +52,8 @@ void for_each_row(Mat matrix, Visit&& visit) {
     const PetscInt* columns = nullptr;
     const PetscScalar* values = nullptr;
     check(MatGetRow(matrix, row, &count, &columns, &values));
-    visit(row, std::span(columns, static_cast<std::size_t>(count)), std::span(values, static_cast<std::size_t>(count)));
+    visit(row, std::span(columns, static_cast<std::size_t>(count)),
+          std::span(values, static_cast<std::size_t>(count)));
     check(MatRestoreRow(matrix, row, &count, &columns, &values));
   }
 }

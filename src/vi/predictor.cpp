@@ -14,7 +14,8 @@ constexpr int most_iterations = 30;  // the sets of a step settle in a few; a cy
 Predictor::Predictor(Dvi& problem, Mat pattern) : problem_(problem) {
   check(MatDuplicate(pattern, MAT_COPY_VALUES, jacobian_.put()));
   check(MatSetOption(jacobian_.get(), MAT_KEEP_NONZERO_PATTERN, PETSC_TRUE));
-  for (Vector* vector : {&f_, &right_side_, &step_}) *vector = duplicate(problem.state());
+  for (Vector* vector : {&f_, &right_side_, &step_})
+    *vector = duplicate(problem.state());
   check(KSPCreate(problem.comm(), solver_.put()));
   check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
   check(KSPSetType(solver_.get(), KSPPREONLY));
@@ -43,7 +44,8 @@ bool Predictor::classify(Vec u, Vec f, Vec lower, Vec upper) {
       if (low || high) active_.push_back(rows.first + i);
     }
   }
-  int changed = has_factor_ && active_ == factored_ && problem_.jacobian_version() == factored_version_ ? 0 : 1;
+  int changed =
+      has_factor_ && active_ == factored_ && problem_.jacobian_version() == factored_version_ ? 0 : 1;
   MPI_Allreduce(MPI_IN_PLACE, &changed, 1, MPI_INT, MPI_LOR, problem_.comm());
   return changed != 0;
 }
@@ -65,7 +67,8 @@ bool Predictor::improve(Vec u, Vec lower, Vec upper, double target, const Ratio&
     const bool changed = classify(u, f_.get(), lower, upper);
     if (changed) {
       problem_.jacobian(u, jacobian_.get());
-      check(MatZeroRows(jacobian_.get(), static_cast<PetscInt>(active_.size()), active_.data(), 1.0, nullptr, nullptr));
+      check(MatZeroRows(jacobian_.get(), static_cast<PetscInt>(active_.size()), active_.data(), 1.0, nullptr,
+                        nullptr));
       factored_ = active_;
       factored_version_ = problem_.jacobian_version();
       has_factor_ = true;
@@ -83,12 +86,14 @@ bool Predictor::improve(Vec u, Vec lower, Vec upper, double target, const Ratio&
       for (const PetscInt row : active_) {
         const PetscInt i = row - rows.first;
         const bool two_sided = l[i] > PETSC_NINFINITY && b[i] < PETSC_INFINITY;
-        x[i] = l[i] <= PETSC_NINFINITY || (two_sided && std::abs(x[i] - b[i]) < std::abs(x[i] - l[i])) ? b[i] : l[i];
+        x[i] = l[i] <= PETSC_NINFINITY || (two_sided && std::abs(x[i] - b[i]) < std::abs(x[i] - l[i])) ? b[i]
+                                                                                                       : l[i];
       }
     }
     const double reached = ratio(u);
     if (reached <= target) return true;
-    if (!changed && !(reached < 0.5 * previous)) return false;  // the set has settled and rounding is all that is left
+    if (!changed && !(reached < 0.5 * previous))
+      return false;  // the set has settled and rounding is all that is left
     previous = reached;
   }
   return false;

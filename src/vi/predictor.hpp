@@ -7,16 +7,18 @@
 
 namespace sweepvi {
 
-/// Guesses a step's solution by its active set: semismooth Newton on the natural residual u - mid(l, b, u - F),
+/// Guesses a step's solution by its active set: semismooth Newton on the natural residual u - mid(l, b, u -
+/// F),
 ///
-///     rows with u - F <= l:  u_new = l;   with u - F >= b:  u_new = b;   the others:  F(u) + J (u_new - u) = 0,
+///     rows with u - F <= l:  u_new = l;   with u - F >= b:  u_new = b;   the others:  F(u) + J (u_new - u) =
+///     0,
 ///
-/// until the guess is certified or the sets repeat. Active rows become identity rows instead of being cut out, so the
-/// pattern is the same in every step: one symbolic factorization a run, a numeric one when the active set (or the
-/// Jacobian) has changed, none otherwise.
-/// Source: M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888 (primal-dual active set strategy).
+/// until the guess is certified or the sets repeat. Active rows become identity rows instead of being cut
+/// out, so the pattern is the same in every step: one symbolic factorization a run, a numeric one when the
+/// active set (or the Jacobian) has changed, none otherwise. Source: M. Hintermueller, K. Ito, K. Kunisch,
+/// SIAM J. Optim. 13 (2002) 865-888 (primal-dual active set strategy).
 class Predictor {
- public:
+public:
   /// @note Collective. The linear solver reads the same options as SNES's own (-ksp_type, -pc_type, ...).
   Predictor(Dvi& problem, Mat pattern);
   Predictor(const Predictor&) = delete;
@@ -28,7 +30,7 @@ class Predictor {
   /// Improves `u`, a guess on entry. @return true if `ratio` fell to `target` @note Collective.
   bool improve(Vec u, Vec lower, Vec upper, double target, const Ratio& ratio);
 
- private:
+private:
   bool classify(Vec u, Vec f, Vec lower, Vec upper);
   bool solve(Vec u);
 

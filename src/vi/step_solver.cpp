@@ -19,12 +19,15 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
   const auto read = [&]() -> PetscErrorCode {
     PetscFunctionBeginUser;
     PetscOptionsBegin(comm, nullptr, "sweepvi: step certificate", "sweepvi");
-    PetscCall(PetscOptionsReal("-sweepvi_certificate_rtol", "Worst natural residual over row terms of a step [-], > 0",
+    PetscCall(PetscOptionsReal("-sweepvi_certificate_rtol",
+                               "Worst natural residual over row terms of a step [-], > 0",
                                "CertificateOptions", options.rtol, &options.rtol, nullptr));
-    PetscCall(PetscOptionsReal("-sweepvi_target_rtol", "Ratio at which the solver stops improving a step [-], > 0",
+    PetscCall(PetscOptionsReal("-sweepvi_target_rtol",
+                               "Ratio at which the solver stops improving a step [-], > 0",
                                "CertificateOptions", options.target, &options.target, nullptr));
-    PetscCall(PetscOptionsEList("-sweepvi_predictor", "How a step's solution is guessed before SNES", "PredictorOptions",
-                                predictors.data(), 2, predictors[static_cast<std::size_t>(chosen)], &chosen, nullptr));
+    PetscCall(PetscOptionsEList("-sweepvi_predictor", "How a step's solution is guessed before SNES",
+                                "PredictorOptions", predictors.data(), 2,
+                                predictors[static_cast<std::size_t>(chosen)], &chosen, nullptr));
     PetscOptionsEnd();
     PetscFunctionReturn(0);
   };
@@ -32,12 +35,15 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
   predictor.active_set = chosen == 1;
   if (!(options.rtol > 0.0 && options.rtol < 1.0))
     throw InputError(
-        "-sweepvi_certificate_rtol is outside (0, 1); it bounds the natural residual over row terms, 1e-10 by default");
+        "-sweepvi_certificate_rtol is outside (0, 1); it bounds the natural residual over row terms, 1e-10 "
+        "by default");
   if (!(options.target > 0.0)) throw InputError("-sweepvi_target_rtol must be > 0; 1e-14 by default");
   options.target = std::min(options.target, options.rtol);
 }
 
-double mid(double l, double b, double v) { return std::min(std::max(v, l), b); }
+double mid(double l, double b, double v) {
+  return std::min(std::max(v, l), b);
+}
 
 }  // namespace
 
@@ -45,9 +51,12 @@ StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes)
   read_options(problem.comm(), certificate_, predictor_options_);
   jacobian_ = problem.create_jacobian();
   for (Vector* vector : {&u_, &f_, &snes_f_, &lower_, &upper_, &guess_, &terms_, &settled_, &snes_lower_,
-                         &snes_upper_, &unscaled_}) *vector = duplicate(problem.state());
-  for (Vector* bound : {&lower_, &snes_lower_}) check(VecSet(bound->get(), PETSC_NINFINITY));
-  for (Vector* bound : {&upper_, &snes_upper_}) check(VecSet(bound->get(), PETSC_INFINITY));
+                         &snes_upper_, &unscaled_})
+    *vector = duplicate(problem.state());
+  for (Vector* bound : {&lower_, &snes_lower_})
+    check(VecSet(bound->get(), PETSC_NINFINITY));
+  for (Vector* bound : {&upper_, &snes_upper_})
+    check(VecSet(bound->get(), PETSC_INFINITY));
 
   std::array<char, 64> asked{};
   PetscBool given = PETSC_FALSE;
@@ -56,15 +65,16 @@ StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes)
   check(PetscOptionsGetString(nullptr, prefix, "-snes_type", asked.data(), asked.size(), &given));
   chosen_type_ = given == PETSC_TRUE ? asked.data() : SNESVINEWTONRSLS;
   if (chosen_type_ != SNESVINEWTONRSLS && chosen_type_ != SNESVINEWTONSSLS)
-    throw InputError("-snes_type " + chosen_type_ + " does not solve box VIs; use vinewtonrsls or vinewtonssls");
+    throw InputError("-snes_type " + chosen_type_ +
+                     " does not solve box VIs; use vinewtonrsls or vinewtonssls");
   configure(snes_, chosen_type_.c_str());
   if (predictor_options_.active_set) predictor_ = std::make_unique<Predictor>(problem, jacobian_.get());
 }
 
 StepSolver::~StepSolver() = default;
 
-// Defaults first, then the options database, then what is not open to options. The type comes before all: changing it
-// resets the convergence test and the line search.
+// Defaults first, then the options database, then what is not open to options. The type comes before all:
+// changing it resets the convergence test and the line search.
 void StepSolver::configure(SNES snes, const char* type) {
   check(SNESSetType(snes, type));
   check(SNESSetTolerances(snes, 0.0, 0.0, 0.0, 100, PETSC_MAX_INT));
@@ -75,8 +85,8 @@ void StepSolver::configure(SNES snes, const char* type) {
   check(KSPGetPC(ksp, &pc));
   check(PCSetType(pc, PCLU));
   check(PCFactorSetMatSolverType(pc, MATSOLVERMUMPS));
-  // An absolute zone around the bounds would pin honest small outputs (h^3 after lift-off): none, unless asked for by
-  // -snes_vi_zero_tolerance. PETSc has no setter for it.
+  // An absolute zone around the bounds would pin honest small outputs (h^3 after lift-off): none, unless
+  // asked for by -snes_vi_zero_tolerance. PETSc has no setter for it.
   snes->vizerotolerance = 0.0;
   check(SNESSetFromOptions(snes));
   check(SNESSetType(snes, type));  // -snes_type names the chosen one only
@@ -103,8 +113,8 @@ void StepSolver::lift_step_limit(SNES snes) {
   check(SNESLineSearchSetTolerances(search, shortest, longest, rtol, atol, step_tolerance, iterations));
 }
 
-// The SNESVI type that was not chosen, made when it is first needed. A SNES of its own: a change of type would leave
-// the line search and the factorization of the other one behind.
+// The SNESVI type that was not chosen, made when it is first needed. A SNES of its own: a change of type
+// would leave the line search and the factorization of the other one behind.
 SNES StepSolver::other_snes() {
   if (!other_) {
     check(SNESCreate(problem_.comm(), other_.put()));
@@ -133,8 +143,9 @@ Vec StepSolver::unscaled(Vec scaled_u) {
   return unscaled_.get();
 }
 
-// PETSc's absolute thresholds (the semismooth derivative switches below 1e-6) must lie below the rounding of the
-// step's own numbers: sigma is the power of two, exact in every product, that brings the largest row term to 2^40.
+// PETSc's absolute thresholds (the semismooth derivative switches below 1e-6) must lie below the rounding of
+// the step's own numbers: sigma is the power of two, exact in every product, that brings the largest row term
+// to 2^40.
 void StepSolver::choose_scale() {
   problem_.row_terms(guess_.get(), terms_.get());
   double largest = 0.0;

@@ -23,7 +23,8 @@ Eigen::MatrixXd a65() {
 std::vector<double> row_major(const Eigen::MatrixXd& m) {
   std::vector<double> values;
   for (Eigen::Index i = 0; i < m.rows(); ++i)
-    for (Eigen::Index j = 0; j < m.cols(); ++j) values.push_back(m(i, j));
+    for (Eigen::Index j = 0; j < m.cols(); ++j)
+      values.push_back(m(i, j));
   return values;
 }
 
@@ -49,15 +50,16 @@ Eigen::MatrixXd random_sparse(Eigen::Index n, unsigned seed) {
   std::uniform_real_distribution<double> what(-0.3, 0.3);
   Eigen::MatrixXd t = Eigen::MatrixXd::Identity(n, n);
   for (Eigen::Index i = 0; i < n; ++i)
-    for (int k = 0; k < 2; ++k) t(i, where(generator)) += what(generator);
+    for (int k = 0; k < 2; ++k)
+      t(i, where(generator)) += what(generator);
   return t;
 }
 
 struct Trajectory {
-  std::vector<std::vector<double>> x;         // per step, in the system's coordinates
-  std::vector<std::vector<double>> z;         // per step, constraint by constraint, this rank's
-  std::vector<PetscInt> constraint;           // this rank's
-  std::vector<int> degree;                    // this rank's
+  std::vector<std::vector<double>> x;  // per step, in the system's coordinates
+  std::vector<std::vector<double>> z;  // per step, constraint by constraint, this rank's
+  std::vector<PetscInt> constraint;    // this rank's
+  std::vector<int> degree;             // this rank's
   PetscInt unknowns = 0;
 };
 
@@ -82,7 +84,8 @@ Trajectory march(LinearSystem system, const char* snes_type, const char* predict
   return trajectory;
 }
 
-/// x' = T A T^{-1} x + ..., w = C T^{-1} x for `copies` copies of AB (65) with starts scale_i (1, 0, 0, 0, 0).
+/// x' = T A T^{-1} x + ..., w = C T^{-1} x for `copies` copies of AB (65) with starts scale_i (1, 0, 0, 0,
+/// 0).
 LinearSystem lifted(const Eigen::MatrixXd& t, int copies, const std::vector<Signal>& f) {
   const Eigen::Index n = 5 * copies;
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(n, n);
@@ -101,21 +104,27 @@ LinearSystem lifted(const Eigen::MatrixXd& t, int copies, const std::vector<Sign
 }
 
 /// The same run in the plain coordinates: 5 unknowns, box on z. Its x is (z1, z2 - g2, z3 - g3, xi).
-Trajectory plain(const std::vector<Signal>& f) { return march(example65(PETSC_COMM_WORLD, f), SNESVINEWTONRSLS); }
+Trajectory plain(const std::vector<Signal>& f) {
+  return march(example65(PETSC_COMM_WORLD, f), SNESVINEWTONRSLS);
+}
 
-void expect_same(const Trajectory& reference, const Trajectory& trajectory, const Eigen::MatrixXd& t, int copies) {
+void expect_same(const Trajectory& reference, const Trajectory& trajectory, const Eigen::MatrixXd& t,
+                 int copies) {
   ASSERT_EQ(reference.x.size(), trajectory.x.size());
-  // Rounding of 1000 steps, through T and its inverse (condition below 10), on values of size 3: far below 1e-9.
+  // Rounding of 1000 steps, through T and its inverse (condition below 10), on values of size 3: far below
+  // 1e-9.
   double worst_x = 0.0;
   for (std::size_t k = 0; k < reference.x.size(); ++k) {
     Eigen::VectorXd z(5 * copies);
-    for (int i = 0; i < 5 * copies; ++i) z(i) = reference.x[k][static_cast<std::size_t>(i % 5)];
+    for (int i = 0; i < 5 * copies; ++i)
+      z(i) = reference.x[k][static_cast<std::size_t>(i % 5)];
     const Eigen::VectorXd x = t * z;
     for (Eigen::Index i = 0; i < x.size(); ++i)
       worst_x = std::max(worst_x, std::abs(x(i) - trajectory.x[k][static_cast<std::size_t>(i)]));
   }
   EXPECT_LE(worst_x, 1e-9);
-  for (const int r : trajectory.degree) EXPECT_EQ(r, 3);
+  for (const int r : trajectory.degree)
+    EXPECT_EQ(r, 3);
 }
 
 void expect_same_outputs(const Trajectory& reference, const Trajectory& trajectory) {
@@ -123,8 +132,10 @@ void expect_same_outputs(const Trajectory& reference, const Trajectory& trajecto
   std::vector<double> outputs(reference.x.size() * 3, 0.0);
   if (!reference.constraint.empty())
     for (std::size_t k = 0; k < reference.z.size(); ++k)
-      std::copy(reference.z[k].begin(), reference.z[k].end(), outputs.begin() + static_cast<std::ptrdiff_t>(3 * k));
-  MPI_Allreduce(MPI_IN_PLACE, outputs.data(), static_cast<int>(outputs.size()), MPI_DOUBLE, MPI_SUM, PETSC_COMM_WORLD);
+      std::copy(reference.z[k].begin(), reference.z[k].end(),
+                outputs.begin() + static_cast<std::ptrdiff_t>(3 * k));
+  MPI_Allreduce(MPI_IN_PLACE, outputs.data(), static_cast<int>(outputs.size()), MPI_DOUBLE, MPI_SUM,
+                PETSC_COMM_WORLD);
   double worst = 0.0;
   for (std::size_t k = 0; k < trajectory.z.size(); ++k)
     for (std::size_t q = 0; q < trajectory.z[k].size(); ++q)
@@ -153,7 +164,8 @@ TEST(Coordinates, TenCopiesMixedBySparseCoordinates) {
   expect_same_outputs(reference, trajectory);
 }
 
-// z1' = z2 with z2 = x2 + f1: the forcing enters the outputs with its derivatives. In contact z stays exactly zero.
+// z1' = z2 with z2 = x2 + f1: the forcing enters the outputs with its derivatives. In contact z stays exactly
+// zero.
 TEST(Coordinates, ForcingAtLevelOneLeavesNoSpikesInContact) {
   const Signal wave{0.05, 0.2, 0.35, 0.4};
   const std::vector<Signal> f = {wave, {}, {}, {}, {}};

@@ -27,7 +27,8 @@ Outcome march(PetscInt steps, const char* snes_type, Form form, const char* pred
   const ScopedOption factorization("-pc_factor_mat_solver_type", small_and_many ? "petsc" : "mumps");
   const LinearSystem system = example65(PETSC_COMM_WORLD);
   const RelativeDegree degree = analyse_relative_degree(system);
-  const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, form, 0.0, 10.0 / static_cast<double>(steps));
+  const auto dvi =
+      make_linear_dvi(system, degree, Scheme::homsp, form, 0.0, 10.0 / static_cast<double>(steps));
   TimeMarch time_march(*dvi, 0.0, 10.0, steps);
   Outcome outcome;
   time_march.observe([&](const Step& step, const StepReport& report) {
@@ -59,9 +60,11 @@ TEST(Order65, BoxOnZMatchesThePapersSchemeWithBothSolvers) {
     const Outcome semismooth = march(steps, SNESVINEWTONSSLS, Form::box_on_z);
     const double error = distance(reduced.end, exact65_at_10);
     const double expected = row["final_2"];
-    std::printf("h = %.6f  error %.6e  expected %.6e  ratio-1 %.1e  types differ by %.1e  impact %.6f lift-off %.6f\n", h,
-                error, expected, error / expected - 1.0, distance(reduced.end, semismooth.end), reduced.first_contact,
-                reduced.lift_off);
+    std::printf(
+        "h = %.6f  error %.6e  expected %.6e  ratio-1 %.1e  types differ by %.1e  impact %.6f lift-off "
+        "%.6f\n",
+        h, error, expected, error / expected - 1.0, distance(reduced.end, semismooth.end),
+        reduced.first_contact, reduced.lift_off);
     // The same scheme, computed independently: only rounding, but 2 % is what is promised.
     EXPECT_NEAR(error, expected, 0.02 * expected) << h;
     // Each step is solved to 1e-14 of its terms; rounding of 1e5 such steps stays below 1e-9.

@@ -26,17 +26,20 @@ void expect_bad_input(Work&& work, const std::vector<std::string>& fragments) {
 /// A chain of n integrators from lambda to w: relative degree n.
 LinearSystem integrators(PetscInt n, double gain = 1.0) {
   std::vector<double> a(static_cast<std::size_t>(n * n), 0.0);
-  for (PetscInt i = 0; i + 1 < n; ++i) a[static_cast<std::size_t>(i * n + i + 1)] = 1.0;
+  for (PetscInt i = 0; i + 1 < n; ++i)
+    a[static_cast<std::size_t>(i * n + i + 1)] = 1.0;
   std::vector<double> b(static_cast<std::size_t>(n), 0.0);
   std::vector<double> c(static_cast<std::size_t>(n), 0.0);
   b.back() = gain;
   c.front() = 1.0;
-  return LinearSystem::dense(PETSC_COMM_WORLD, n, 1, a, b, c, std::vector<double>(static_cast<std::size_t>(n), 1.0));
+  return LinearSystem::dense(PETSC_COMM_WORLD, n, 1, a, b, c,
+                             std::vector<double>(static_cast<std::size_t>(n), 1.0));
 }
 
 std::map<PetscInt, int> degrees(const LinearSystem& system, const RelativeDegree& degree) {
   std::map<PetscInt, int> mine;
-  for (std::size_t a = 0; a < degree.degree.size(); ++a) mine[system.constraint_order[a]] = degree.degree[a];
+  for (std::size_t a = 0; a < degree.degree.size(); ++a)
+    mine[system.constraint_order[a]] = degree.degree[a];
   return mine;
 }
 
@@ -47,7 +50,8 @@ TEST(RelativeDegree, OfIntegratorChains) {
     EXPECT_EQ(degree.lowest, n);
     EXPECT_EQ(degree.highest, n);
     EXPECT_EQ(degree.outputs, n);
-    for (const double own : degree.markov_diagonal) EXPECT_EQ(own, 2.5);
+    for (const double own : degree.markov_diagonal)
+      EXPECT_EQ(own, 2.5);
     EXPECT_TRUE(degree.outputs_are_states);
     EXPECT_EQ(zero_dynamics(system, degree).size, 0);
   }
@@ -55,11 +59,13 @@ TEST(RelativeDegree, OfIntegratorChains) {
 
 TEST(RelativeDegree, OutputsAndDirectionsAreBiorthogonal) {
   // Two masses behind flexible joints, coupled: r = 4 each, directions that are not unit vectors.
-  // x = (q1, p1, q2, p2, velocities); joint 10, coupling 1, damping in the joints so that no Markov parameter is zero.
+  // x = (q1, p1, q2, p2, velocities); joint 10, coupling 1, damping in the joints so that no Markov parameter
+  // is zero.
   const PetscInt n = 8;
   std::vector<double> a(64, 0.0);
   const auto at = [&](int i, int j) -> double& { return a[static_cast<std::size_t>(8 * i + j)]; };
-  for (int i = 0; i < 4; ++i) at(i, 4 + i) = 1.0;
+  for (int i = 0; i < 4; ++i)
+    at(i, 4 + i) = 1.0;
   for (const int i : {0, 2}) {
     at(4 + i, i) = -12.0, at(4 + i, i + 1) = 10.0, at(4 + i, 2 - i) = 1.0, at(4 + i, 4 + i) = -0.3;
     at(5 + i, i) = 10.0, at(5 + i, i + 1) = -10.0, at(5 + i, 5 + i) = -0.2;
@@ -92,15 +98,16 @@ TEST(RelativeDegree, DifferentDegreesInOneScene) {
   const LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 3, 2, {0, 0, 0, 0, 0, 1, 0, 0, 0},
                                                   {1, 0, 0, 0, 0, 1}, {1, 0, 0, 0, 1, 0}, {1, 1, 1});
   const RelativeDegree degree = analyse_relative_degree(system);
-  for (const auto& [constraint, r] : degrees(system, degree)) EXPECT_EQ(r, constraint + 1);
+  for (const auto& [constraint, r] : degrees(system, degree))
+    EXPECT_EQ(r, constraint + 1);
   EXPECT_EQ(degree.lowest, 1);
   EXPECT_EQ(degree.highest, 2);
 }
 
 TEST(RelativeDegree, CancellationIsNotCoupling) {
   // C B = 0.1 + 0.2 - 0.3, which is 5.6e-17 in doubles: r = 2, not 1.
-  const LinearSystem system =
-      LinearSystem::dense(PETSC_COMM_WORLD, 3, 1, {0, 1, 0, 0, 0, 0, 0, 0, 0}, {0.1, 0.2, 0.3}, {1, 1, -1}, {1, 1, 1});
+  const LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 3, 1, {0, 1, 0, 0, 0, 0, 0, 0, 0},
+                                                  {0.1, 0.2, 0.3}, {1, 1, -1}, {1, 1, 1});
   const RelativeDegree degree = analyse_relative_degree(system);
   EXPECT_EQ(degree.lowest, 2);
   EXPECT_GT(degree.smallest_kept, 1e-2);
@@ -116,8 +123,8 @@ TEST(RelativeDegree, NamesAConstraintThatLambdaNeverReaches) {
 
 TEST(Markov, SingularMatrixNamesTheDependentConstraints) {
   // A mass between two walls: w_0 = q, w_1 = 1 - q.
-  const LinearSystem system =
-      LinearSystem::dense(PETSC_COMM_WORLD, 2, 2, {0, 1, 0, 0}, {0, 0, 1, -1}, {1, 0, -1, 0}, {0.5, 0}, {}, {}, {0, 1});
+  const LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 2, 2, {0, 1, 0, 0}, {0, 0, 1, -1},
+                                                  {1, 0, -1, 0}, {0.5, 0}, {}, {}, {0, 1});
   const RelativeDegree degree = analyse_relative_degree(system);
   expect_bad_input([&] { check_markov_matrix(system, degree); }, {"singular", "0, 1"});
 }
@@ -146,7 +153,8 @@ TEST(Markov, SolvabilityIsToldApart) {
   EXPECT_FALSE(definite.diagonal);
   EXPECT_EQ(report(with_markov(1, 3, 0, 1)).solvability, Solvability::p_matrix);  // symmetric part indefinite
   const LinearSystem not_p = with_markov(1, 3, 3, 1);
-  expect_bad_input([&] { check_markov_matrix(not_p, analyse_relative_degree(not_p)); }, {"not a P-matrix", "0, 1"});
+  expect_bad_input([&] { check_markov_matrix(not_p, analyse_relative_degree(not_p)); },
+                   {"not a P-matrix", "0, 1"});
 }
 
 TEST(ZeroDynamicsOf, Example65IsAnOscillator) {
@@ -159,7 +167,8 @@ TEST(ZeroDynamicsOf, Example65IsAnOscillator) {
 
 TEST(ZeroDynamicsOf, AnUnstableZeroIsSeen) {
   // w = x_1, x_1' = x_0 + lambda, x_0' = 3 x_0 - lambda: held at w = 0, x_0' = 4 x_0.
-  const LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 2, 1, {3, 0, 1, 0}, {-1, 1}, {0, 1}, {1, 1});
+  const LinearSystem system =
+      LinearSystem::dense(PETSC_COMM_WORLD, 2, 1, {3, 0, 1, 0}, {-1, 1}, {0, 1}, {1, 1});
   const RelativeDegree degree = analyse_relative_degree(system);
   EXPECT_NEAR(zero_dynamics(system, degree).largest_real_part, 4.0, 1e-12);
 }

@@ -68,7 +68,8 @@ TEST(Partition, BalancesElementsAndKeepsThemWhole) {
 TEST(Partition, ForcingAndStartsTravelWithTheirStates) {
   ChainSpec spec = chain(7);
   spec.force.values.clear();
-  for (int i = 0; i < 7; ++i) spec.force.values.push_back({0.1 * i, i % 2 == 1 ? 0.5 : 0.0, 1.0, 0.0});
+  for (int i = 0; i < 7; ++i)
+    spec.force.values.push_back({0.1 * i, i % 2 == 1 ? 0.5 : 0.0, 1.0, 0.0});
   const Dealt dealt = deal(spec);
   Vector f = duplicate(dealt.system.x0.get());
   dealt.system.f.add_to(f.get(), 0.25, 0, 1.0);  // a quarter period: sin = 1
@@ -89,7 +90,8 @@ TEST(Partition, TheTrajectoryIsThatOfAPlainLoopOverElements) {
                              std::floor(0.6180339887498949 * static_cast<double>(i))),
                 0, 0, 0, 0};
     const std::vector<double> single = end_state(deal(alone));
-    for (std::size_t j = 0; j < 5; ++j) EXPECT_NEAR(together[5 * i + j], single[j], 1e-12) << i << " " << j;
+    for (std::size_t j = 0; j < 5; ++j)
+      EXPECT_NEAR(together[5 * i + j], single[j], 1e-12) << i << " " << j;
   }
 }
 

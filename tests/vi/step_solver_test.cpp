@@ -9,8 +9,8 @@ namespace sweepvi::test {
 namespace {
 
 /// F(u) = M u + q on [lower, upper], M row-major and known to every rank.
-std::unique_ptr<AffineVi> problem(const std::vector<double>& m, const std::vector<double>& q, double lower = 0.0,
-                                  double upper = PETSC_INFINITY) {
+std::unique_ptr<AffineVi> problem(const std::vector<double>& m, const std::vector<double>& q,
+                                  double lower = 0.0, double upper = PETSC_INFINITY) {
   const auto n = static_cast<PetscInt>(q.size());
   PetscInt local = PETSC_DECIDE;
   PetscInt total = n;
@@ -36,8 +36,8 @@ std::unique_ptr<AffineVi> problem(const std::vector<double>& m, const std::vecto
   }
   check(VecSet(l.get(), lower));
   check(VecSet(b.get(), upper));
-  return std::make_unique<AffineVi>(rows.finish(PETSC_COMM_WORLD, local), std::move(right), std::move(l), std::move(b),
-                                    std::move(u0));
+  return std::make_unique<AffineVi>(rows.finish(PETSC_COMM_WORLD, local), std::move(right), std::move(l),
+                                    std::move(b), std::move(u0));
 }
 
 struct Solved {
@@ -57,13 +57,14 @@ Solved solve(AffineVi& vi, const char* type, const char* predictor) {
   return solved;
 }
 
-void expect_solution(const std::vector<double>& m, const std::vector<double>& q, const std::vector<double>& expected,
-                     double lower = 0.0, double upper = PETSC_INFINITY) {
+void expect_solution(const std::vector<double>& m, const std::vector<double>& q,
+                     const std::vector<double>& expected, double lower = 0.0, double upper = PETSC_INFINITY) {
   for (const char* type : {SNESVINEWTONRSLS, SNESVINEWTONSSLS}) {
     for (const char* predictor : {"none", "active-set"}) {
       const auto vi = problem(m, q, lower, upper);
       const Solved solved = solve(*vi, type, predictor);
-      EXPECT_TRUE(solved.report.certified) << type << ", predictor " << predictor << ": " << solved.report.residual;
+      EXPECT_TRUE(solved.report.certified)
+          << type << ", predictor " << predictor << ": " << solved.report.residual;
       // Certified rows are good to 1e-10 of their terms; these matrices are well conditioned.
       for (std::size_t i = 0; i < expected.size(); ++i)
         EXPECT_NEAR(solved.u[i], expected[i], 1e-9 * (1e-300 + std::abs(expected[i]) + std::abs(q[i])))
@@ -78,10 +79,14 @@ TEST(StepSolver, InteriorBoundAndMixed) {
   expect_solution({2, 1, 1, 2}, {1, 2}, {0, 0});
 }
 
-TEST(StepSolver, TwoSidedBox) { expect_solution({2, 0, 0, 2}, {-8, 8}, {1, -1}, -1.0, 1.0); }
+TEST(StepSolver, TwoSidedBox) {
+  expect_solution({2, 0, 0, 2}, {-8, 8}, {1, -1}, -1.0, 1.0);
+}
 
 // z = mu = 0: the state of persistent contact.
-TEST(StepSolver, DegenerateSolution) { expect_solution({1, 0.5, -0.5, 1}, {0, 0}, {0, 0}); }
+TEST(StepSolver, DegenerateSolution) {
+  expect_solution({1, 0.5, -0.5, 1}, {0, 0}, {0, 0});
+}
 
 TEST(StepSolver, MurtysExampleForPivoting) {
   // Lower triangular with 2 below the diagonal, q = -1: pivoting rules visit 2^n bases; the solution is e_1.
@@ -89,7 +94,8 @@ TEST(StepSolver, MurtysExampleForPivoting) {
   std::vector<double> m(n * n, 0.0);
   for (std::size_t i = 0; i < n; ++i) {
     m[i * n + i] = 1.0;
-    for (std::size_t j = 0; j < i; ++j) m[i * n + j] = 2.0;
+    for (std::size_t j = 0; j < i; ++j)
+      m[i * n + j] = 2.0;
   }
   std::vector<double> expected(n, 0.0);
   expected[0] = 1.0;
