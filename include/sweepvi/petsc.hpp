@@ -15,6 +15,11 @@ static_assert(sizeof(PetscScalar) == sizeof(double),
 
 namespace sweepvi {
 
+/// True while an exception made of a PETSc error unwinds. Such an error may be this rank's alone, and
+/// destruction is collective: what it unwinds is left to the end of the process, or ranks would wait for each
+/// other.
+bool unwinding_after_petsc_error() noexcept;
+
 /// Owns one reference to a PETSc object. Move-only; empty after a move.
 /// Destruction is collective: same order on every rank, before PetscFinalize().
 template <class T, auto Destroy>
@@ -37,7 +42,7 @@ public:
     return &object_;
   }
   void reset() noexcept {
-    if (object_ != nullptr) static_cast<void>(Destroy(&object_));
+    if (object_ != nullptr && !unwinding_after_petsc_error()) static_cast<void>(Destroy(&object_));
     object_ = nullptr;
   }
   /// Shares an object that somebody else also owns.
@@ -63,6 +68,10 @@ using TimeStepper = Handle<TS, TSDestroy>;
 
 /// Turns a PETSc error code into an Error with PETSc's own text.
 void check(PetscErrorCode code);
+
+/// The same for calls that read the options database: a value PETSc does not take is the user's mistake.
+/// @throws Error (bad_input)
+void check_options(PetscErrorCode code);
 
 /// Runs C++ code inside a PETSc callback: an exception is parked, PETSc unwinds with PETSC_ERR_USER, and the
 /// caller of the PETSc solver throws it again with `rethrow_parked`.

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <map>
 
+#include "app/options.hpp"
 #include "app/prepare.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
@@ -57,12 +58,12 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   const TimeSpec& time = model.scene.time;
   const Form form = choose_form(time.scheme, degree);
   const auto dvi = make_linear_dvi(system, degree, time.scheme, form, time.start, time.step);
-  if (line.help_requested) {
-    const TimeMarch march(*dvi, time.start, time.end, static_cast<PetscInt>(time.steps));
-    return ExitCode::done;
-  }
+  const TimeMarch march(*dvi, time.start, time.end,
+                        static_cast<PetscInt>(time.steps));  // reads what options there are
+  if (line.help_requested) return ExitCode::done;
+  report_unused_options(comm);
   Summary counts;
-  counts.count_jacobian(dvi->create_jacobian().get());
+  counts.count_jacobian(march.solver().jacobian());
   const ZeroDynamics zero = zero_dynamics(system, degree);
   const std::string degrees = degrees_text(comm, degree);
   int rank = 0;
@@ -80,9 +81,11 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
                            time.start, time.end, sweepvi::name_of(time.scheme)));
   row("sizes", fmt::format("{} states, {} constraints, {} outputs", n, m, degree.outputs));
   row("relative degree", degrees);
-  row("  decided at",
-      fmt::format("|C A^i B| > {:.0e} |C||A|^i|B|; smallest that counted {:.1e}, largest that did not {:.1e}",
-                  degree.tolerance, degree.smallest_kept, degree.largest_dropped));
+  if (degree.highest > 0)
+    row("  decided at",
+        fmt::format(
+            "|C A^i B| > {:.0e} |C||A|^i|B|; smallest that counted {:.1e}, largest that did not {:.1e}",
+            degree.tolerance, degree.smallest_kept, degree.largest_dropped));
   row("Markov matrix", model.markov.diagonal
                            ? std::string("diagonal")
                            : fmt::format("{} nonzeros, largest coupled group {}", model.markov.nonzeros,

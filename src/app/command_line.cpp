@@ -211,7 +211,7 @@ private:
       const std::optional<double> number = to_number(value);
       if (!number) throw InputError(fmt::format("{} {}: expected a number", word, value));
       // As TOML writes it: PETSc's users may say .5 or 1.
-      add_override(alias.key, fmt::format("{}", *number), word + " " + value);
+      add_override(alias.key, fmt::format("{}", *number), fmt::format("{} {}", word, value));
       return;
     }
     line_.petsc_words.push_back(word);

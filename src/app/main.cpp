@@ -1,5 +1,7 @@
 // The program: command line -> verb -> exit code. MPI, PETSc and every handle end before main returns.
+#include <csignal>
 #include <cstdio>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -51,8 +53,16 @@ int main(int argc, char** argv) {
   std::vector<std::string> words = bad_usage ? std::vector<std::string>{} : line.petsc_words;
   if (line.help_requested && !line.scene.empty()) words.emplace_back("-help");
 
+  signal(SIGXFSZ, SIG_IGN);  // a file at its size limit is a failed write, not a death
   ExitCode code = ExitCode::internal;
-  Session session(argv[0], words);
+  std::optional<Session> opened;
+  try {
+    opened.emplace(argv[0], words);
+  } catch (const Error& error) {  // an option that PetscInitialize itself refuses; there is no rank to ask
+    std::fprintf(stderr, "sweepvi: %s\n", error.what());
+    return static_cast<int>(error.code());
+  }
+  Session& session = *opened;
   int rank = 0;
   MPI_Comm_rank(session.comm(), &rank);
   if (bad_usage) {

@@ -53,22 +53,28 @@ void insert_words(const std::vector<std::string>& words) {
   for (std::size_t i = 0; i < words.size(); ++i) {
     if (!is_name(words[i])) continue;
     const bool has_value = i + 1 < words.size() && !is_name(words[i + 1]);
-    check(PetscOptionsSetValue(nullptr, words[i].c_str(), has_value ? words[i + 1].c_str() : nullptr));
+    check_options(
+        PetscOptionsSetValue(nullptr, words[i].c_str(), has_value ? words[i + 1].c_str() : nullptr));
   }
 }
 
 }  // namespace
 
 void insert_scene_options(const CommandLine& line, const std::string& options, bool from_set) {
+  const std::size_t start = options.find_first_not_of(" \t\n");
+  if (start != std::string::npos && options[start] != '-')
+    throw InputError("petsc.options = \"" + options +
+                     "\" does not start with an option; names begin with a dash, as in " +
+                     "\"-snes_monitor\"");
   char* saved = nullptr;  // rc file, PETSC_OPTIONS, command line
   check(PetscOptionsGetAll(nullptr, &saved));
   for (const auto& [name, value] : defaults)
     check(PetscOptionsSetValue(nullptr, name, value));
-  if (!from_set) check(PetscOptionsInsertString(nullptr, options.c_str()));
+  if (!from_set) check_options(PetscOptionsInsertString(nullptr, options.c_str()));
   check(PetscOptionsInsertString(nullptr, saved));
   check(PetscFree(saved));
   if (from_set) {
-    check(PetscOptionsInsertString(nullptr, options.c_str()));
+    check_options(PetscOptionsInsertString(nullptr, options.c_str()));
     insert_words(line.petsc_words);
   }
 }
@@ -85,7 +91,8 @@ std::vector<std::string> report_unused_options(MPI_Comm comm) {
     const bool ours = std::any_of(defaults.begin(), defaults.end(), [&](const auto& entry) {
       return name == entry.first && value == entry.second;
     });
-    if (!ours) unused.push_back(name);
+    const bool about_options = name == "-options_left" || name == "-help";
+    if (!ours && !about_options) unused.push_back(name);
   }
   check(PetscOptionsLeftRestore(nullptr, &count, &names, &values));
   int rank = 0;

@@ -1,58 +1,19 @@
 #include <fmt/format.h>
-#include <unistd.h>
+#include <algorithm>
 
-#include <array>
-#include <chrono>
-#include <ctime>
-
+#include "app/file_head.hpp"
 #include "app/options.hpp"
 #include "app/prepare.hpp"
 #include "app/progress.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
-#include "app/versions.hpp"
 #include "io/recorder.hpp"
 #include "sweepvi/linear_dvi.hpp"
 #include "sweepvi/time_march.hpp"
-#include "sweepvi_config.hpp"
 
 namespace sweepvi::app {
 
 namespace {
-
-std::string timestamp() {
-  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
-  std::tm utc{};
-  gmtime_r(&now, &utc);
-  std::array<char, 32> text{};
-  const std::size_t length = std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-  return {text.data(), length};
-}
-
-void describe(TableFile& file, MPI_Comm comm, const Scene& scene, const std::string& started) {
-  int ranks = 1;
-  MPI_Comm_size(comm, &ranks);
-  std::array<char, 256> host{};
-  gethostname(host.data(), host.size() - 1);
-  char* options = nullptr;
-  check(PetscOptionsGetAll(nullptr, &options));
-  file.attribute("format_version", 1);
-  file.attribute("title", scene.title);
-  file.attribute("scene", scene.text);
-  file.attribute("options", options);
-  check(PetscFree(options));
-  file.attribute("sweepvi_version", std::string(config::version));
-  file.attribute("git_hash", std::string(config::git_hash));
-  file.attribute("petsc_version", petsc_version());
-  file.attribute("mumps_version", mumps_version());
-  file.attribute("hdf5_version", hdf5_version());
-  file.attribute("mpi_version", mpi_version());
-  file.attribute("ranks", ranks);
-  file.attribute("host", host.data());
-  file.attribute("scheme", name_of(scene.time.scheme));
-  file.attribute("step", scene.time.step);
-  file.attribute("started", started);
-}
 
 std::string failure_text(const TimeMarch& march, const StepReport& report) {
   const PetscInt number = march.steps_taken() + 1;
@@ -76,6 +37,7 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   Prepared model = prepare(comm, line);
   const TimeSpec& time = model.scene.time;
   const std::string path = line.output.value_or(model.scene.output.file);
+  check_distinct(comm, {line.scene, path, line.summary.value_or("")});
 
   const Form form = choose_form(time.scheme, model.relative_degree);
   const auto dvi =
@@ -85,7 +47,9 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
 
   if (line.summary) check_writable(comm, *line.summary, true);
   Recorder recorder(path, line.force, model.scene.output, time, model.system, model.relative_degree, *dvi);
-  describe(recorder.file(), comm, model.scene, started);
+  describe(recorder.file(), comm, model.scene.title, model.scene.text, started);
+  recorder.file().attribute("scheme", name_of(time.scheme));
+  recorder.file().attribute("step", time.step);
   recorder.file().attribute("status", "running");
 
   Summary summary;
@@ -134,6 +98,7 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   if (trouble) throw *trouble;
 
   const bool failed = !report.certified;
+  if (failed) summary.max_residual = std::max(summary.max_residual, report.residual);
   summary.exit = failed ? ExitCode::unsolved : ExitCode::done;
   summary.status = failed ? "failed" : "done";
   recorder.file().attribute("status", summary.status);

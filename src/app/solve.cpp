@@ -2,15 +2,14 @@
 
 #include <filesystem>
 
+#include "app/file_head.hpp"
 #include "app/options.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
-#include "app/versions.hpp"
 #include "dvi/affine_vi.hpp"
 #include "io/table_file.hpp"
 #include "model/from_scene.hpp"
 #include "petsc/sparse.hpp"
-#include "sweepvi_config.hpp"
 
 namespace sweepvi::app {
 
@@ -26,7 +25,7 @@ std::vector<double> petsc_bounds(std::vector<double> bounds) {
 }
 
 void record(MPI_Comm comm, const std::string& path, bool overwrite, const Problem& problem,
-            const std::string& status, Vec u, Vec f) {
+            const std::string& status, const std::string& started, Vec u, Vec f) {
   PetscInt size = 0;
   PetscInt first = 0;
   PetscInt last = 0;
@@ -53,11 +52,9 @@ void record(MPI_Comm comm, const std::string& path, bool overwrite, const Proble
   std::copy_n(values.data(), values.size(), file.real(1));
   std::copy_n(residual.data(), residual.size(), file.real(2));
   file.commit_row();
-  file.attribute("format_version", 1);
-  file.attribute("scene", problem.text);
-  file.attribute("sweepvi_version", std::string(config::version));
-  file.attribute("petsc_version", petsc_version());
+  describe(file, comm, "", problem.text, started);
   file.attribute("status", status);
+  file.attribute("finished", timestamp());
   file.finish();
 }
 
@@ -65,13 +62,14 @@ void record(MPI_Comm comm, const std::string& path, bool overwrite, const Proble
 
 ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   const double begin = MPI_Wtime();
+  const std::string started = timestamp();
   Problem problem = read_problem(comm, line.scene);
   insert_scene_options(line, "", false);
   PetscInt size = static_cast<PetscInt>(problem.M.rows);
   MPI_Bcast(&size, 1, MPIU_INT, 0, comm);
   PetscInt local = PETSC_DECIDE;
   check(PetscSplitOwnership(comm, &local, &size));
-  AffineVi vi(scatter_rows(comm, problem.M, local, local), scatter_vector(comm, problem.q, local),
+  AffineVi vi(scatter_rows(comm, problem.M, local, local, true), scatter_vector(comm, problem.q, local),
               scatter_vector(comm, petsc_bounds(problem.lower), local),
               scatter_vector(comm, petsc_bounds(problem.upper), local),
               scatter_vector(comm, problem.u0, local));
@@ -81,6 +79,7 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   if (line.help_requested) return ExitCode::done;
 
   const std::string path = line.output.value_or(std::filesystem::path(line.scene).stem().string() + ".h5");
+  check_distinct(comm, {line.scene, path, line.summary.value_or("")});
   check_writable(comm, path, line.force);
   if (line.summary) check_writable(comm, *line.summary, true);
 
@@ -102,7 +101,7 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   summary.max_residual = report.residual;
   summary.max_penetration = vi.penetration();
   summary.rungs = solver.rungs();
-  record(comm, path, line.force, problem, summary.status, solver.solution(), solver.residual());
+  record(comm, path, line.force, problem, summary.status, started, solver.solution(), solver.residual());
   summary.time_matmult(solver.jacobian());
   summary.unused_options = report_unused_options(comm);
   summary.seconds_total = MPI_Wtime() - begin;

@@ -37,6 +37,14 @@ void AffineVi::row_terms(Vec u, Vec terms) {
   check(MatMultAdd(abs_M_.get(), work_.get(), abs_q_.get(), terms));
 }
 
+void AffineVi::settle(Vec u) {
+  const WriteArray values(u);
+  const ReadArray l(lower_.get());
+  const ReadArray b(upper_.get());
+  for (PetscInt i = 0; i < values.size(); ++i)
+    values[i] = std::min(std::max(values[i], l[i]), b[i]);
+}
+
 double AffineVi::penetration() const {
   double worst = 0.0;
   {

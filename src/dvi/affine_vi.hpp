@@ -20,7 +20,7 @@ public:
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec, Mat jacobian) override { check(MatCopy(M_.get(), jacobian, SAME_NONZERO_PATTERN)); }
   std::uint64_t jacobian_version() const override { return 0; }  // constant
-  void settle(Vec) override {}
+  void settle(Vec u) override;                                   // into the box, exactly
   void accept(Vec u, Vec) override { check(VecCopy(u, u_.get())); }
   double penetration() const override;
   PetscInt active() const override;

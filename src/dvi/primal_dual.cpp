@@ -200,7 +200,7 @@ void PrimalDual::prepare_completion() {
   check(KSPGetPC(completion_solver_.get(), &preconditioner));
   check(PCSetType(preconditioner, PCLU));
   check(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
-  check(KSPSetFromOptions(completion_solver_.get()));
+  check_options(KSPSetFromOptions(completion_solver_.get()));
 }
 
 Matrix PrimalDual::create_jacobian() const {

@@ -8,7 +8,21 @@ namespace sweepvi {
 
 namespace {
 constexpr const char* ts_type_name = "sweepvi";
+
+// The march's clock is start, end and steps. The program's command line turns -ts_dt and its kin into scene
+// keys; from elsewhere (PETSC_OPTIONS, a scene) they would silently do nothing, or cut the run short.
+void refuse_clock_options() {
+  for (const char* name : {"-ts_dt", "-ts_max_time", "-ts_max_steps", "-ts_init_time", "-ts_time_span",
+                           "-ts_theta_theta", "-ts_exact_final_time"}) {
+    PetscBool given = PETSC_FALSE;
+    check(PetscOptionsHasName(nullptr, nullptr, name, &given));
+    if (given == PETSC_TRUE)
+      throw InputError(std::string("option ") + name +
+                       " does not set this clock: use time.start, time.end and time.step of the scene");
+  }
 }
+
+}  // namespace
 
 struct TimeMarch::Impl {
   Dvi& problem;
@@ -82,14 +96,14 @@ TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
   SNES snes = nullptr;
   check(TSGetSNES(ts, &snes));
   impl_->solver = std::make_unique<StepSolver>(snes, problem);
-  check(TSSetFromOptions(ts));
+  refuse_clock_options();
+  check_options(TSSetFromOptions(ts));
+  check(TSSetErrorIfStepFails(ts, PETSC_FALSE));  // a step without solution is a result
   TSType type = nullptr;
   check(TSGetType(ts, &type));
   if (std::string(type) != ts_type_name)
     throw InputError(std::string("-ts_type ") + type + " is not ours: the march is the TS type '" +
                      ts_type_name + "'; choose the scheme by time.scheme");
-  check(TSSetTime(ts, start));
-  check(TSSetTimeStep(ts, impl_->h()));
 }
 
 TimeMarch::~TimeMarch() {

@@ -121,18 +121,24 @@ void TableFile::fail(std::string_view doing) const {
                                     "; check the space and permissions there, or write elsewhere (-o)");
 }
 
+void TableFile::prepare_mpi_io(hid_t access) {
+  sure(H5Pset_fapl_mpio(access, comm_, MPI_INFO_NULL), "prepare MPI-IO");
+  // All metadata in one collective write: with the default each rank writes some entries itself, and one
+  // that fails leaves the others in a barrier.
+  sure(H5Pset_coll_metadata_write(access, true), "prepare MPI-IO");
+  sure(H5Pset_dxpl_mpio(transfer_.get(), H5FD_MPIO_COLLECTIVE), "prepare MPI-IO");
+  // One MPI write for all chunks, for the same reason, and because it is the fastest.
+  sure(H5Pset_dxpl_mpio_chunk_opt(transfer_.get(), H5FD_MPIO_CHUNK_ONE_IO), "prepare MPI-IO");
+}
+
 void TableFile::create() {
   together([&] {
     const Hdf5Properties access(H5Pcreate(H5P_FILE_ACCESS));
-    sure(H5Pset_fapl_mpio(access.get(), comm_, MPI_INFO_NULL), "prepare MPI-IO");
-    sure(H5Pset_fclose_degree(access.get(), H5F_CLOSE_STRONG), "prepare MPI-IO");
-    // All metadata in one collective write: with the default each rank writes some entries itself, and one
-    // that fails leaves the others in a barrier.
-    sure(H5Pset_coll_metadata_write(access.get(), true), "prepare MPI-IO");
+    sure(H5Pset_fclose_degree(access.get(), H5F_CLOSE_STRONG), "prepare the file");
     transfer_ = Hdf5Properties(H5Pcreate(H5P_DATASET_XFER));
-    sure(H5Pset_dxpl_mpio(transfer_.get(), H5FD_MPIO_COLLECTIVE), "prepare MPI-IO");
-    // One MPI write for all chunks, for the same reason, and because it is the fastest.
-    sure(H5Pset_dxpl_mpio_chunk_opt(transfer_.get(), H5FD_MPIO_CHUNK_ONE_IO), "prepare MPI-IO");
+    int ranks = 1;
+    MPI_Comm_size(comm_, &ranks);
+    if (ranks > 1) prepare_mpi_io(access.get());  // one rank needs none of it
     file_ = Hdf5File(H5Fcreate(partial_.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access.get()));
     sure(file_.get(), "create the file");
   });

@@ -159,6 +159,7 @@ private:
   void make_buffers();
   void reserve(hsize_t events) const;
   void trim() const;
+  void prepare_mpi_io(hid_t access);
   void create();
   void make_column(std::size_t field);
   void make_events();

@@ -88,7 +88,8 @@ LinearSystem make_chain(MPI_Comm comm, const ChainSpec& spec) {
     }
     if (!spec.x0.empty())
       for (PetscInt k = 0; k < local_states; ++k)
-        x[k] = spec.x0[static_cast<std::size_t>(states_per_element * first + k)];
+        x[k] = spec.x0[static_cast<std::size_t>(states_per_element) * static_cast<std::size_t>(first) +
+                       static_cast<std::size_t>(k)];
   }
   for (const Signal& force : spec.force.values) {
     system.f.any = system.f.any || !force.is_zero();

@@ -32,7 +32,8 @@ std::vector<T> scatter(MPI_Comm comm, const std::vector<T>& whole, const std::ve
 
 }  // namespace
 
-Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_rows, PetscInt local_columns) {
+Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_rows, PetscInt local_columns,
+                    bool full_diagonal) {
   const std::vector<int> row_counts = counts_on_root(comm, local_rows);
   std::vector<std::int64_t> lengths;
   for (std::size_t i = 1; i < whole.row_starts.size(); ++i)
@@ -43,9 +44,13 @@ Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_ro
   const std::vector<int> entry_counts = counts_on_root(comm, my_entries);
   const auto columns = scatter(comm, whole.columns, entry_counts, my_entries, MPI_INT64_T);
   const auto values = scatter(comm, whole.values, entry_counts, my_entries, MPI_DOUBLE);
+  PetscInt row = 0;  // of the whole matrix
+  MPI_Exscan(&local_rows, &row, 1, MPIU_INT, MPI_SUM, comm);
   RowBuilder rows;
   std::size_t k = 0;
   for (const std::int64_t length : my_lengths) {
+    if (full_diagonal) rows.add(row, 0.0);
+    ++row;
     for (std::int64_t i = 0; i < length; ++i, ++k)
       if (values[k] != 0.0) rows.add(static_cast<PetscInt>(columns[k]), values[k]);
     rows.end_row();

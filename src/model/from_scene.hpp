@@ -9,8 +9,10 @@ namespace sweepvi {
 /// scene's own copy is emptied. @note Collective on `comm`.
 LinearSystem make_linear_system(MPI_Comm comm, Scene& scene);
 
-/// Deals a sparse matrix on rank 0 out by rows; this rank gets `local_rows` of them. @note Collective.
-Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_rows, PetscInt local_columns);
+/// Deals a sparse matrix on rank 0 out by rows; this rank gets `local_rows` of them. `full_diagonal` makes
+/// room for diagonal entries that are zero, as solvers of square systems need it. @note Collective.
+Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_rows, PetscInt local_columns,
+                    bool full_diagonal = false);
 /// Deals a vector on rank 0 out. @note Collective.
 Vector scatter_vector(MPI_Comm comm, const std::vector<double>& whole, PetscInt local_size);
 

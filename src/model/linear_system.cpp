@@ -89,7 +89,8 @@ LinearSystem LinearSystem::dense(MPI_Comm comm, PetscInt n, PetscInt m, const st
     RowBuilder builder;
     for (PetscInt i = range.first; i < range.last; ++i) {
       for (PetscInt j = 0; j < columns; ++j) {
-        const double value = values[static_cast<std::size_t>(i * columns + j)];
+        const double value = values[static_cast<std::size_t>(i) * static_cast<std::size_t>(columns) +
+                                    static_cast<std::size_t>(j)];
         if (value != 0.0) builder.add(j, value);
       }
       builder.end_row();
@@ -110,10 +111,10 @@ LinearSystem LinearSystem::dense(MPI_Comm comm, PetscInt n, PetscInt m, const st
     const WriteArray x(system.x0.get());
     const WriteArray w(system.w0.get());
     for (PetscInt i = 0; i < states.size(); ++i)
-      x[i] = x0[static_cast<std::size_t>(states.first + i)];
+      x[i] = x0[static_cast<std::size_t>(states.first) + static_cast<std::size_t>(i)];
     if (!w0.empty())
       for (PetscInt i = 0; i < constraints.size(); ++i)
-        w[i] = w0[static_cast<std::size_t>(constraints.first + i)];
+        w[i] = w0[static_cast<std::size_t>(constraints.first) + static_cast<std::size_t>(i)];
   }
   if (!f.empty()) system.f = Forcing::from(f, states.first, states.last);
   system.state_order.resize(static_cast<std::size_t>(states.size()));

@@ -80,6 +80,7 @@ void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet
                    const std::vector<PetscInt>& scene_number, MarkovReport& report) {
   const auto size = static_cast<Eigen::Index>(group.size());
   std::vector<PetscInt> names;
+  names.reserve(group.size());
   for (const PetscInt i : group)
     names.push_back(scene_number[static_cast<std::size_t>(i)]);
   if (size > dense_limit) {
@@ -147,7 +148,11 @@ MarkovReport check_markov_matrix(const LinearSystem& system, const RelativeDegre
   std::optional<Error> complaint;
   for (std::size_t a = 0; a < relative_degree.degree.size() && !complaint; ++a) {
     const double own = relative_degree.markov_diagonal[a];
-    if (own < 0.0 && relative_degree.degree[a] > 0)
+    if (own < 0.0 && relative_degree.degree[a] == 0)
+      complaint = InputError("model.D: " + constraint_name(system, a) + " has the negative diagonal entry " +
+                             std::to_string(own) +
+                             ": a step could have no solution, or several; D must be positive semidefinite");
+    else if (own < 0.0)
       complaint =
           InputError("model: " + constraint_name(system, a) +
                      " has a negative leading Markov parameter C A^{r-1} B = " + std::to_string(own) +

@@ -172,18 +172,20 @@ Rows own_directions(const Rows& z, const Rows& krylov, double& markov_diagonal) 
 bool outputs_are_states(const LinearSystem& system, const std::vector<Rows>& z,
                         const std::vector<Rows>& directions) {
   bool fits = !system.D;
-  std::vector<PetscInt> used;
+  Vector uses = duplicate(system.x0.get());  // outputs per state, from all ranks
   for (std::size_t a = 0; a < z.size() && fits; ++a) {
     fits = !z[a].empty();
     for (std::size_t i = 0; i < z[a].size() && fits; ++i) {
       fits = z[a][i].size() == 1 && directions[a][i].size() == 1 &&
              z[a][i].front().first == directions[a][i].front().first;
-      if (fits) used.push_back(z[a][i].front().first);
+      if (fits) check(VecSetValue(uses.get(), z[a][i].front().first, 1.0, ADD_VALUES));
     }
   }
-  std::sort(used.begin(), used.end());
-  fits = fits && std::adjacent_find(used.begin(), used.end()) == used.end();
-  return !anywhere(system.comm(), !fits);
+  check(VecAssemblyBegin(uses.get()));
+  check(VecAssemblyEnd(uses.get()));
+  double most = 0.0;
+  check(VecNorm(uses.get(), NORM_INFINITY, &most));
+  return !anywhere(system.comm(), !fits) && most <= 1.0;
 }
 
 }  // namespace

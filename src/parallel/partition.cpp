@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <compare>
 #include <numeric>
 #include <utility>
 
@@ -16,7 +15,10 @@ namespace {
 
 struct Edge {
   PetscInt first, second;
-  auto operator<=>(const Edge&) const = default;
+  bool operator==(const Edge&) const = default;
+  bool operator<(const Edge& other) const {
+    return first != other.first ? first < other.first : second < other.second;
+  }
 };
 using Owners = std::vector<int>;
 

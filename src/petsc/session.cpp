@@ -1,18 +1,43 @@
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <exception>
+#include <string>
 #include <vector>
 
 #include "sweepvi/petsc.hpp"
 
 namespace sweepvi {
 
-void check(PetscErrorCode code) {
-  if (code == 0) return;
+namespace {
+
+bool petsc_has_failed = false;
+
+std::string petsc_text(PetscErrorCode code) {
   const char* text = nullptr;
   char* specific = nullptr;
   static_cast<void>(PetscErrorMessage(code, &text, &specific));
-  std::string message = "PETSc failed: ";
-  message += text != nullptr ? text : "unknown error";
+  std::string message = text != nullptr ? text : "unknown error";
   if (specific != nullptr && *specific != '\0') message += std::string(": ") + specific;
-  throw Error(ExitCode::internal, message);
+  return message;
+}
+
+}  // namespace
+
+bool unwinding_after_petsc_error() noexcept {
+  return petsc_has_failed && std::uncaught_exceptions() > 0;
+}
+
+void check(PetscErrorCode code) {
+  if (code == 0) return;
+  petsc_has_failed = true;
+  throw Error(ExitCode::internal, "PETSc failed: " + petsc_text(code));
+}
+
+void check_options(PetscErrorCode code) {
+  if (code != 0)
+    throw InputError("PETSc does not take one of the options: " + petsc_text(code) +
+                     "; check the words with one dash, PETSC_OPTIONS and [petsc] options");
 }
 
 void check(PetscErrorCode code, std::exception_ptr& parked) {
@@ -22,13 +47,26 @@ void check(PetscErrorCode code, std::exception_ptr& parked) {
 
 namespace {
 
+// MUMPS's parallel analysis recurses once per node of the elimination tree, and a chain's tree is a path: 3e4
+// elements overflow the usual 8 MiB. The main thread's stack grows on demand, so a higher limit costs
+// nothing.
+void allow_deep_recursion() {
+  constexpr rlim_t wanted = rlim_t{2} << 30;
+  rlimit limit{};
+  if (getrlimit(RLIMIT_STACK, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY || limit.rlim_cur >= wanted)
+    return;
+  limit.rlim_cur = limit.rlim_max == RLIM_INFINITY ? wanted : std::min(wanted, limit.rlim_max);
+  static_cast<void>(setrlimit(RLIMIT_STACK, &limit));
+}
+
 void initialise(int argc, char** argv) {
+  allow_deep_recursion();
   // PETSc must neither abort on errors (they become exceptions) nor catch signals (the program has its own
   // exit codes).
   int count = argc;
   char** words = argv;
-  if (PetscInitialize(&count, &words, nullptr, nullptr) != 0)
-    throw Error(ExitCode::internal, "PetscInitialize failed");
+  check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr));
+  check_options(PetscInitialize(&count, &words, nullptr, nullptr));
   check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr));
   check(PetscLogDefaultBegin());  // event counts: factorizations and linear solves of the summary
 }

@@ -23,7 +23,8 @@ Predictor::Predictor(Dvi& problem, Mat pattern) : problem_(problem) {
   check(KSPGetPC(solver_.get(), &preconditioner));
   check(PCSetType(preconditioner, PCLU));
   check(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
-  check(KSPSetFromOptions(solver_.get()));
+  check_options(KSPSetFromOptions(solver_.get()));
+  check(KSPSetErrorIfNotConverged(solver_.get(), PETSC_FALSE));  // a bad guess is no failure
 }
 
 // Rows at a bound and the Newton step's right side. Returns false if the set is that of the factorization.
@@ -75,6 +76,8 @@ bool Predictor::improve(Vec u, Vec lower, Vec upper, double target, const Ratio&
     }
     if (!solve(u)) {
       has_factor_ = false;
+      check(KSPReset(solver_.get()));  // MUMPS's factor object does not recover from a singular matrix
+      check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
       return false;
     }
     // Exactly on the bound, not up to the rounding of a solve.

@@ -88,13 +88,32 @@ void StepSolver::configure(SNES snes, const char* type) {
   // An absolute zone around the bounds would pin honest small outputs (h^3 after lift-off): none, unless
   // asked for by -snes_vi_zero_tolerance. PETSc has no setter for it.
   snes->vizerotolerance = 0.0;
-  check(SNESSetFromOptions(snes));
-  check(SNESSetType(snes, type));  // -snes_type names the chosen one only
+  check_options(SNESSetFromOptions(snes));
+  check(SNESSetType(snes, type));                        // -snes_type names the chosen one only
+  check(SNESSetErrorIfNotConverged(snes, PETSC_FALSE));  // a step without solution is a result
+  check(KSPSetErrorIfNotConverged(ksp, PETSC_FALSE));
+  check_factorization(pc);
   lift_step_limit(snes);
   check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
   check(SNESSetJacobian(snes, jacobian_.get(), jacobian_.get(), form_jacobian, this));
   check(SNESSetConvergenceTest(snes, converged, this, nullptr));
   check(SNESVISetVariableBounds(snes, snes_lower_.get(), snes_upper_.get()));
+}
+
+// An LU or Cholesky by a package that cannot do it would only show in the first step.
+void StepSolver::check_factorization(PC pc) const {
+  PCType type = nullptr;
+  check(PCGetType(pc, &type));
+  const bool lu = type != nullptr && std::string(type) == PCLU;
+  if (!lu) return;
+  MatSolverType package = nullptr;
+  check(PCFactorGetMatSolverType(pc, &package));
+  PetscBool available = PETSC_TRUE;
+  if (package != nullptr) check(MatGetFactorAvailable(jacobian_.get(), package, MAT_FACTOR_LU, &available));
+  if (available == PETSC_FALSE)
+    throw InputError(
+        std::string("-pc_factor_mat_solver_type ") + package +
+        " cannot factor this matrix: PETSc has no such package, or it is a serial one; use mumps");
 }
 
 // The line search must not cut steps by their absolute length, as PETSc's default of 1e8 does.
@@ -231,6 +250,8 @@ PetscInt StepSolver::attempt(bool other_type, bool cold, std::string& reason) {
     check(VecCopy(guess_.get(), u_.get()));
   }
   check(VecScale(u_.get(), sigma_));
+  // A semismooth solve that broke off leaves its own function in ours' place.
+  check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
   const PetscErrorCode code = SNESSolve(snes, nullptr, u_.get());
   check(code, parked_);
   check(VecScale(u_.get(), 1.0 / sigma_));
@@ -239,6 +260,13 @@ PetscInt StepSolver::attempt(bool other_type, bool cold, std::string& reason) {
   const char* text = nullptr;
   check(SNESGetConvergedReasonString(snes, &text));
   reason = text;
+  SNESConvergedReason outcome = SNES_CONVERGED_ITERATING;
+  check(SNESGetConvergedReason(snes, &outcome));
+  if (outcome == SNES_DIVERGED_LINEAR_SOLVE) {
+    KSP ksp = nullptr;  // MUMPS's factor object does not recover from a singular matrix
+    check(SNESGetKSP(snes, &ksp));
+    check(KSPReset(ksp));
+  }
   return iterations;
 }
 

@@ -41,7 +41,7 @@ class Outcome:
         return f"{self.command}\nexit {self.code}\n--- standard output\n{self.out}\n--- standard error\n{self.err}"
 
 
-def run(*words, ranks=1, cwd=None, env=None, timeout=60):
+def run(*words, ranks=1, cwd=None, env=None, timeout=20, out=subprocess.PIPE):
     """`sweepvi WORDS...`; on one rank without mpiexec. A run that hangs is an AssertionError."""
     command = [PROGRAM, *map(str, words)]
     if ranks > 1:
@@ -52,18 +52,18 @@ def run(*words, ranks=1, cwd=None, env=None, timeout=60):
             cwd=cwd,
             env={**os.environ, **ENVIRONMENT, "OMPI_MCA_orte_tmpdir_base": session, **(env or {})},
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
+            stdout=out,
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
             start_new_session=True,
         )
         try:
-            out, err = process.communicate(timeout=timeout)
+            printed, err = process.communicate(timeout=timeout)
         except subprocess.TimeoutExpired:
             end(process)
             raise AssertionError(f"did not end within {timeout} s: {' '.join(command)}") from None
-    return Outcome(" ".join(command), process.returncode, out, err)
+    return Outcome(" ".join(command), process.returncode, printed or "", err)
 
 
 def end(process):

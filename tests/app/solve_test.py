@@ -59,6 +59,7 @@ def badly_scaled(rng, n):
     return rows[:, None] * positive_definite(rng, n) * columns
 
 
+WELL_CONDITIONED = {"positive_definite", "m_matrix", "h_matrix"}
 KINDS = [positive_definite, m_matrix, h_matrix, murty, cyclic, badly_scaled]
 
 
@@ -189,6 +190,8 @@ class Solve(unittest.TestCase):
         ratio = natural_ratio(problem, u)
         self.assertLessEqual(ratio, CERTIFICATE + ROUNDING * len(u), f"natural residual over row terms\n{outcome}")
         terms = abs(problem["M"]) @ abs(u) + abs(problem["q"])
+        if problem["kind"] in WELL_CONDITIONED:
+            np.testing.assert_allclose(u, problem["u"], rtol=1e-6, atol=1e-6, err_msg="not the only solution there is")
         gap = np.max(abs(np.ravel(result["F"]) - problem["M"] @ u - problem["q"]) / np.maximum(terms, 1e-300))
         self.assertLessEqual(gap, ROUNDING * len(u), "/F is not M u + q at /solution")
 
@@ -233,7 +236,7 @@ class Solve(unittest.TestCase):
         self.judge_all([problem], ranks=2)
 
     def test_newton_min_cycle(self):
-        """From u0 = 0 with q = 1 the solution is at hand; from elsewhere the active set of Newton-min cycles."""
+        """A fixed block of `cyclic`."""
         matrix = np.array([[1.0, 0, 2], [2, 1, 0], [0, 2, 1]])
         bounds = {"lower": np.zeros(3), "upper": np.full(3, np.inf)}
         for q in (np.ones(3), -np.ones(3), np.array([-1.0, 1, 0.5])):
@@ -257,12 +260,26 @@ class Solve(unittest.TestCase):
                 with self.subTest(name, ranks=ranks):
                     self.judge_unsolvable(problem, ranks)
 
-    def test_zero_matrix_with_a_solution(self):
-        """M = 0: u at the bound that F = q points away from; singular, and yet solvable."""
-        problem = {"M": np.zeros((2, 2)), "q": np.array([1.0, -2]), "lower": np.zeros(2), "upper": np.ones(2), "kind": "zero"}
-        result = solve(problem)
-        self.judge_solved(problem, result)
-        np.testing.assert_allclose(np.ravel(result["solution"]), [0, 1], atol=0)
+    def test_singular_with_a_solution(self):
+        """M = 0: u at the bound that F = q points away from. Zero diagonal: u = (1, 1), the only point with F = 0."""
+        zero = {"M": np.zeros((2, 2)), "q": np.array([1.0, -2]), "lower": np.zeros(2), "upper": np.ones(2), "kind": "zero"}
+        skew = np.array([[0.0, 1], [-1, 0]])
+        skew = {"M": skew, "q": np.array([-1.0, 1]), "lower": np.zeros(2), "upper": np.full(2, np.inf), "kind": "skew"}
+        for problem, expected in ((zero, [0, 1]), (skew, [1, 1])):
+            for ranks in (1, 2):
+                with self.subTest(problem["kind"], ranks=ranks):
+                    result = solve(problem, ranks=ranks)
+                    self.judge_solved(problem, result)
+                    np.testing.assert_allclose(np.ravel(result["solution"]), expected, rtol=1e-12)
+
+    def test_singular_equations(self):
+        """u1 + u2 = 1 twice: solved, or given up in order."""
+        problem = "[problem]\nM = [[1, 1], [1, 1]]\nq = [-1, -1]\nlower = -inf\n"
+        for ranks in (1, 2):
+            with self.subTest(ranks=ranks), program.temporary_folder() as name:
+                (Path(name) / "problem.toml").write_text(problem)
+                outcome = program.run("solve", "problem.toml", cwd=name, ranks=ranks)
+                self.assertIn(outcome.code, (0, 3), outcome)
 
     def test_optional_start(self):
         """u0 outside the box, and the defaults of lower and upper."""

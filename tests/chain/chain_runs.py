@@ -53,9 +53,9 @@ def call(*words, ranks=1, timeout=600):
     return outcome.out
 
 
-def run(scene, ranks=1, options=(), timeout=600):
-    """`sweepvi run`: the recorded file, open, and the summary."""
-    file = scene.with_name(f"{scene.stem}_np{ranks}.h5")
+def run(scene, ranks=1, options=(), name=None, timeout=600):
+    """`sweepvi run`: the recorded file, open, and the summary. Runs of a scene that stay open need names of their own."""
+    file = scene.with_name(f"{name or scene.stem}_np{ranks}.h5")
     summary = file.with_suffix(".json")
     call("run", scene, "-o", file, "--force", "--summary", summary, *options, ranks=ranks, timeout=timeout)
     return h5py.File(file, "r"), program.read_json(summary)

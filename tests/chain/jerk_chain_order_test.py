@@ -76,7 +76,8 @@ def check_events(verdict, name, h, recorded, events, sup_error):
         late = nearest(event, found_liftoffs)["t"] - event["t"]
         # lambda, a sum of neighbours' states wrong by about 4 h each, crosses zero with a slope of order 1.
         verdict.expect(
-            abs(late) <= 5.0 * h, f"{name}: lift-off of element {event['site']} at {event['t']:.6f}, {late / h:+.2f} steps late"
+            abs(late) <= 5.0 * h,
+            f"{name}: lift-off of element {event['site']} at {event['t']:.6f}, {late / h:+.2f} steps late",
         )
 
 

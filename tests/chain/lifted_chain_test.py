@@ -1,6 +1,7 @@
 # Lifted chains: with phi_i = sin(pi (i+1)/(N+1)), mu the eigenvalue of the chain's Laplacian that belongs to phi,
 # a1 = -(1 - coupling mu) and initial data phi_i (1,0,0,0,0), element i of a jerk chain is phi_i times AB (65), and so is
-# each step of the scheme: all N constraints switch together. Written as `chain`, and as `linear` in random order.
+# each step of the scheme: all N constraints switch together. Written as `chain`, as `linear` in random order, and with
+# each element in coordinates of its own.
 #
 # ranks: 2
 # timeout: 300
@@ -29,14 +30,18 @@ def lifted_x0():
     return np.outer(PHI, [1.0, 0.0, 0.0, 0.0, 0.0]).ravel()
 
 
-def lifted_entries():
-    """A of the chain as (row, column, value)."""
+def lifted_blocks():
+    """A of the chain as (element, element, 5 x 5 block)."""
     element = np.array(AB65["A"], dtype=float)
     element[2, 0] = A1 - 2.0 * COUPLING
-    entries = [(5 * i + j, 5 * i + k, element[j, k]) for i in range(COUNT) for j, k in zip(*np.nonzero(element))]
-    entries += [(5 * i + 2, 5 * (i + 1), COUPLING) for i in range(COUNT - 1)]
-    entries += [(5 * i + 2, 5 * (i - 1), COUPLING) for i in range(1, COUNT)]
-    return entries
+    neighbour = np.zeros((5, 5))
+    neighbour[2, 0] = COUPLING
+    for i in range(COUNT):
+        yield i, i, element
+        if i > 0:
+            yield i, i - 1, neighbour
+        if i < COUNT - 1:
+            yield i, i + 1, neighbour
 
 
 def write_matrix(path, rows, columns, entries):
@@ -45,23 +50,26 @@ def write_matrix(path, rows, columns, entries):
         file.writelines(f"{row + 1} {column + 1} {value:.17g}\n" for row, column, value in entries)
 
 
-def write_shuffled(folder, step):
-    """The lifted chain as a `linear` scene in random order; the scene and the new number of each state."""
-    random = np.random.default_rng(65)
-    state = random.permutation(5 * COUNT)
+def write_linear(folder, name, step, turns, random):
+    """The lifted chain as a `linear` scene: element i in the coordinates turns[i] (z1 z2 z3 xi1 xi2)', states and
+    constraints in random order. Returns the scene and the new number of each state."""
+    state = random.permutation(5 * COUNT).reshape(COUNT, 5)
     constraint = random.permutation(COUNT)
-    entries = [(state[row], state[column], value) for row, column, value in lifted_entries()]
-    inputs = [(state[5 * i + 2], constraint[i], 1.0) for i in range(COUNT)]
-    outputs = [(constraint[i], state[5 * i], 1.0) for i in range(COUNT)]
+    entries = []
+    for i, j, block in lifted_blocks():
+        block = turns[i] @ block @ turns[j].T
+        entries += [(state[i, a], state[j, b], block[a, b]) for a, b in zip(*np.nonzero(block))]
+    inputs = [(state[i, a], constraint[i], turns[i][a, 2]) for i in range(COUNT) for a in np.flatnonzero(turns[i][:, 2])]
+    outputs = [(constraint[i], state[i, a], turns[i][a, 0]) for i in range(COUNT) for a in np.flatnonzero(turns[i][:, 0])]
     for matrix in (entries, inputs, outputs):
         random.shuffle(matrix)
-    write_matrix(folder / "A.mtx", 5 * COUNT, 5 * COUNT, entries)
-    write_matrix(folder / "B.mtx", 5 * COUNT, COUNT, inputs)
-    write_matrix(folder / "C.mtx", COUNT, 5 * COUNT, outputs)
+    write_matrix(folder / f"{name}_A.mtx", 5 * COUNT, 5 * COUNT, entries)
+    write_matrix(folder / f"{name}_B.mtx", 5 * COUNT, COUNT, inputs)
+    write_matrix(folder / f"{name}_C.mtx", COUNT, 5 * COUNT, outputs)
     x0 = np.zeros(5 * COUNT)
-    x0[state] = lifted_x0()
-    model = {"kind": "linear", "A": "A.mtx", "B": "B.mtx", "C": "C.mtx", "x0": x0.tolist()}
-    return write_scene(folder, "shuffled", homsp(END, step), model), state
+    x0[state] = np.einsum("iab,ib->ia", turns, lifted_x0().reshape(COUNT, 5))
+    model = {"kind": "linear", **{key: f"{name}_{key}.mtx" for key in "ABC"}, "x0": x0.tolist()}
+    return write_scene(folder, name, homsp(END, step), model), state
 
 
 def scalar_run(folder, step):
@@ -101,13 +109,18 @@ def test_chain(folder, step, rank_counts, options, verdict):
         check_lifted(verdict, name, file["x"][:], file["t"][:], times, scalar)
 
 
-def test_shuffled(folder, step, rank_counts, options, verdict):
+def test_linear(folder, name, step, turns, rank_counts, verdict):
     times, scalar, _ = scalar_run(folder, step)
-    scene, state = write_shuffled(folder, step)
+    scene, state = write_linear(folder, name, step, turns, np.random.default_rng(65))
     for ranks in rank_counts:
-        file, summary = run(scene, ranks, options)
-        name = f"linear, shuffled, h = {step:g}, {ranks} ranks, {summary['seconds_stepping']:.1f} s"
-        check_lifted(verdict, name, file["x"][:][:, state], file["t"][:], times, scalar)
+        file, summary = run(scene, ranks)
+        states = np.einsum("iba,tib->tia", turns, file["x"][:][:, state])
+        label = f"linear, {name}, h = {step:g}, {ranks} ranks, {summary['unknowns']} unknowns"
+        check_lifted(verdict, f"{label}, {summary['seconds_stepping']:.1f} s", states, file["t"][:], times, scalar)
+
+
+def random_rotations():
+    return np.linalg.qr(np.random.default_rng(7).standard_normal((COUNT, 5, 5)))[0]
 
 
 def main():
@@ -116,7 +129,10 @@ def main():
         folder = program.Path(name)
         test_chain(folder, 1e-1, (1, 2, 3, 5), [], verdict)
         test_chain(folder, 2e-2, (1, 2, 3, 5), BLOCK_JACOBI, verdict)
-        test_shuffled(folder, 1e-1, (1, 3), [], verdict)
+        unturned = np.broadcast_to(np.eye(5), (COUNT, 5, 5))
+        test_linear(folder, "shuffled", 1e-1, unturned, (1, 3), verdict)
+        # Outputs are no longer states: multipliers are unknowns of their own.
+        test_linear(folder, "turned", 1e-1, random_rotations(), (1, 3), verdict)
     verdict.exit()
 
 

@@ -1,5 +1,5 @@
 # ranks: 2
-# timeout: 120
+# timeout: 240
 """Broken scenes and command lines: the right exit code, one message that says what is wrong, and nothing written.
 
 Each broken/NAME.toml is a case; its head says what to do and what must come of it:

@@ -1,0 +1,67 @@
+#include "app/file_head.hpp"
+
+#include <unistd.h>
+
+#include <array>
+#include <chrono>
+#include <ctime>
+#include <filesystem>
+
+#include "app/versions.hpp"
+#include "sweepvi/petsc.hpp"
+#include "sweepvi_config.hpp"
+
+namespace sweepvi::app {
+
+std::string timestamp() {
+  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  std::array<char, 32> text{};
+  const std::size_t length = std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return {text.data(), length};
+}
+
+void describe(TableFile& file, MPI_Comm comm, const std::string& title, const std::string& scene,
+              const std::string& started) {
+  int ranks = 1;
+  MPI_Comm_size(comm, &ranks);
+  std::array<char, 256> host{};
+  gethostname(host.data(), host.size() - 1);
+  char* options = nullptr;
+  check(PetscOptionsGetAll(nullptr, &options));
+  file.attribute("format_version", 1);
+  file.attribute("title", title);
+  file.attribute("scene", scene);
+  file.attribute("options", options);
+  check(PetscFree(options));
+  file.attribute("sweepvi_version", std::string(config::version));
+  file.attribute("git_hash", std::string(config::git_hash));
+  file.attribute("petsc_version", petsc_version());
+  file.attribute("mumps_version", mumps_version());
+  file.attribute("hdf5_version", hdf5_version());
+  file.attribute("mpi_version", mpi_version());
+  file.attribute("ranks", ranks);
+  file.attribute("host", host.data());
+  file.attribute("started", started);
+}
+
+void check_distinct(MPI_Comm comm, const std::vector<std::string>& paths) {
+  int rank = 0;
+  MPI_Comm_rank(comm, &rank);
+  agreed(comm, [&] {
+    if (rank != 0) return;
+    const auto same = [](const std::string& a, const std::string& b) {
+      std::error_code failure;
+      return std::filesystem::weakly_canonical(a, failure) == std::filesystem::weakly_canonical(b, failure);
+    };
+    for (std::size_t i = 0; i < paths.size(); ++i)
+      for (std::size_t j = i + 1; j < paths.size(); ++j)
+        if (!paths[i].empty() && !paths[j].empty() && same(paths[i], paths[j]))
+          throw InputError(
+              paths[j] +
+              " is named twice on the command line; one would overwrite the other, give another name");
+  });
+}
+
+}  // namespace sweepvi::app

@@ -1,0 +1,23 @@
+#pragma once
+
+#include <mpi.h>
+
+#include <string>
+#include <vector>
+
+#include "io/table_file.hpp"
+
+namespace sweepvi::app {
+
+/// Now, in UTC, as in 2026-01-31T12:00:00Z.
+std::string timestamp();
+
+/// The root attributes every result has: what made it, from what, where, when. @note Collective.
+void describe(TableFile& file, MPI_Comm comm, const std::string& title, const std::string& scene,
+              const std::string& started);
+
+/// @throws Error (bad_input) on every rank if two of these paths (empty ones aside) are the same file.
+/// @note Collective.
+void check_distinct(MPI_Comm comm, const std::vector<std::string>& paths);
+
+}  // namespace sweepvi::app

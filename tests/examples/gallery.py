@@ -1,0 +1,135 @@
+"""The scenes of examples/ with the runs their headers name, and the discrete equations their results must satisfy."""
+
+import os
+import re
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "app"))
+import program
+
+EXAMPLES = program.SOURCE / "examples"
+REFERENCE = Path(__file__).resolve().parents[1] / "reference"
+
+
+@dataclass
+class Example:
+    """One `# Run:` line of a scene: its words after `sweepvi run`, its ranks, and the `# Expect:` text below it."""
+
+    scene: str
+    words: list
+    ranks: int
+    expect: str
+
+
+def examples():
+    """Every run that a scene's header names, in order."""
+    found = []
+    for path in sorted(EXAMPLES.rglob("*.toml")):
+        name = str(path.relative_to(program.SOURCE))
+        head = []
+        for line in path.read_text().splitlines():
+            if not line.startswith("#"):
+                break
+            head.append(line[1:].strip())
+        runs = re.findall(r"Run:(.*?)Expect:(.*?)(?=Run:|$)", "\n".join(head), re.DOTALL)
+        if not runs:
+            raise AssertionError(f"{name}: the header has no '# Run:' with an '# Expect:' below it")
+        for run, expect in runs:
+            words = shlex.split(run)
+            ranks = int(words[words.index("-n") + 1]) if words[0] == "mpirun" else 1
+            words = words[words.index("sweepvi") + 1 :]
+            if words[:2] != ["run", name]:
+                raise AssertionError(f"{name}: '# Run: {run.strip()}' should run this scene")
+            found.append(Example(name, words[1:], ranks, " ".join(expect.split())))
+    return found
+
+
+@dataclass
+class Result:
+    """What a run recorded."""
+
+    h: float
+    t: np.ndarray
+    x: np.ndarray
+    w: np.ndarray
+    z: np.ndarray  # [row, constraint, level], or None
+    mu: np.ndarray  # [row, constraint, level]
+    level: np.ndarray
+    events: np.ndarray
+    summary: dict
+
+    def contacts(self):
+        """Events in which a gap closes."""
+        return self.events[(self.events["kind"] == 0) & (self.events["level"] == 1)]
+
+    def lift_offs(self):
+        return self.events[self.events["kind"] == 1]
+
+
+def run(folder, example, *more, ranks=None, timeout=100):
+    """Runs an example, with more words for the program, and reads its file."""
+    name = f"run{os.urandom(4).hex()}"
+    file, summary = Path(folder) / f"{name}.h5", Path(folder) / f"{name}.json"
+    outcome = program.run(
+        "run", *example.words, *more, "-o", file, "--summary", summary,
+        ranks=ranks or example.ranks, cwd=program.SOURCE, timeout=timeout,
+    )  # fmt: skip
+    if outcome.code != 0:
+        raise AssertionError(str(outcome))
+    with h5py.File(file) as data:
+        m = data["w"].shape[1]
+        z = data["z"][:].reshape(len(data["t"]), m, -1) if "z" in data else None
+        return Result(
+            float(data.attrs["step"]), data["t"][:], data["x"][:], data["w"][:], z, data["mu"][:],
+            data["level"][:], data["events"][:], program.read_json(summary),
+        )  # fmt: skip
+
+
+def jerk_matrix(count, coupling):
+    """A of a chain of jerk elements with fixed ends, states element by element."""
+    A = np.zeros((5 * count, 5 * count))
+    for i in range(0, 5 * count, 5):
+        A[i, i + 1] = A[i + 1, i + 2] = A[i + 3, i + 4] = 1
+        A[i + 2, [i, i + 1, i + 2, i + 4]] = [-1 - 2 * coupling, -1, -1, 1]
+        A[i + 4, [i, i + 3]] = [1, -1]
+        for j in (i - 5, i + 5):
+            if 0 <= j < 5 * count:
+                A[i + 2, j] = coupling
+    return A
+
+
+def audit_jerk(result, coupling=0.0):
+    """Checks every recorded step against AB (32)-(45), read as conditions on z and mu alone.
+
+    The step's problem has exactly one solution, so a z and mu that satisfy it are the scheme's, however found. Rounding
+    is judged against the terms of each row, with the 1e-12 below which the program puts outputs on their bound.
+    """
+    count = result.w.shape[1]
+    A, h = jerk_matrix(count, coupling), result.h
+    x = result.x.reshape(len(result.t), count, 5)
+    worst = 0.0
+    for k in range(len(result.t) - 1):
+        z, z_new, mu, level = result.z[k], result.z[k + 1], result.mu[k + 1], result.level[k + 1]
+        rate = (A @ result.x[k + 1]).reshape(count, 5)
+        size = (abs(A) @ abs(result.x[k + 1])).reshape(count, 5)
+        defect = x[k + 1] - x[k] - h * rate
+        terms = abs(x[k + 1]) + abs(x[k]) + h * size
+        defect[:, :2] = z_new[:, :2] - z[:, :2] - h * z_new[:, 1:]
+        terms[:, :2] = abs(z_new[:, :2]) + abs(z[:, :2]) + h * (abs(z_new[:, 1:]) + terms[:, 2:3])
+        terms[:, :1] += h * terms[:, 1:2]
+        defect[:, :3] -= mu
+        worst = max(worst, (abs(defect) / np.maximum(terms, np.finfo(float).tiny)).max())
+
+        closed = z <= 0
+        rule = np.where(closed[:, 0], np.where(closed[:, 1], 3, 2), 1)
+        assert (level == rule).all(), f"step {k + 1}: r* is not what z says"
+        acts = np.arange(1, 4) <= level[:, None]
+        assert (mu[~acts] == 0).all() and (mu >= 0).all(), f"step {k + 1}: measures"
+        assert (z_new[acts] >= 0).all() and (mu * z_new == 0).all(), f"step {k + 1}: complementarity"
+    assert worst < 1e-12, f"equations hold only to {worst:.2g} of their terms"
