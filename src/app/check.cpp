@@ -23,7 +23,7 @@ const char* name_of(MarkovReport::Solvability solvability) {
     case MarkovReport::Solvability::positive_semidefinite:
       return "positive semidefinite: enough for degrees 0 and 1";
     case MarkovReport::Solvability::not_checked:
-      return "not checked (coupled groups too large, or degrees 0 and 1)";
+      return "not decided: coupled group too large or, for degrees 0 and 1, not semidefinite";
   }
   return "";
 }

@@ -46,21 +46,21 @@ void describe(TableFile& file, MPI_Comm comm, const std::string& title, const st
   file.attribute("started", started);
 }
 
-void check_distinct(MPI_Comm comm, const std::vector<std::string>& paths) {
+void check_distinct(MPI_Comm comm, const std::vector<NamedPath>& paths) {
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   agreed(comm, [&] {
     if (rank != 0) return;
     const auto same = [](const std::string& a, const std::string& b) {
       std::error_code failure;
-      return std::filesystem::weakly_canonical(a, failure) == std::filesystem::weakly_canonical(b, failure);
+      return !a.empty() && !b.empty() &&
+             std::filesystem::weakly_canonical(a, failure) == std::filesystem::weakly_canonical(b, failure);
     };
     for (std::size_t i = 0; i < paths.size(); ++i)
       for (std::size_t j = i + 1; j < paths.size(); ++j)
-        if (!paths[i].empty() && !paths[j].empty() && same(paths[i], paths[j]))
-          throw InputError(
-              paths[j] +
-              " is named twice on the command line; one would overwrite the other, give another name");
+        if (same(paths[i].path, paths[j].path))
+          throw InputError(paths[j].role + " and " + paths[i].role + " name the same file, " + paths[j].path +
+                           "; one would overwrite the other, give another name");
   });
 }
 

@@ -16,8 +16,13 @@ std::string timestamp();
 void describe(TableFile& file, MPI_Comm comm, const std::string& title, const std::string& scene,
               const std::string& started);
 
+/// A file of the command line and what it is called there.
+struct NamedPath {
+  std::string role, path;
+};
+
 /// @throws Error (bad_input) on every rank if two of these paths (empty ones aside) are the same file.
 /// @note Collective.
-void check_distinct(MPI_Comm comm, const std::vector<std::string>& paths);
+void check_distinct(MPI_Comm comm, const std::vector<NamedPath>& paths);
 
 }  // namespace sweepvi::app

@@ -37,7 +37,8 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   Prepared model = prepare(comm, line);
   const TimeSpec& time = model.scene.time;
   const std::string path = line.output.value_or(model.scene.output.file);
-  check_distinct(comm, {line.scene, path, line.summary.value_or("")});
+  check_distinct(comm,
+                 {{"the scene", line.scene}, {"the output", path}, {"--summary", line.summary.value_or("")}});
 
   const Form form = choose_form(time.scheme, model.relative_degree);
   const auto dvi =

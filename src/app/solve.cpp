@@ -79,7 +79,8 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   if (line.help_requested) return ExitCode::done;
 
   const std::string path = line.output.value_or(std::filesystem::path(line.scene).stem().string() + ".h5");
-  check_distinct(comm, {line.scene, path, line.summary.value_or("")});
+  check_distinct(
+      comm, {{"the problem", line.scene}, {"the output", path}, {"--summary", line.summary.value_or("")}});
   check_writable(comm, path, line.force);
   if (line.summary) check_writable(comm, *line.summary, true);
 

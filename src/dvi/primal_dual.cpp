@@ -47,7 +47,7 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   local_x_ = row_range(system.A.get()).size();
   assemble(blocks);
   check(MatCreateVecs(K_.get(), u_.put(), nullptr));
-  for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_})
+  for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_, &inherited_})
     *vector = duplicate(u_.get());
   if (with_levels_ || completes_) find_cross_coupling();
   if (completes_) prepare_completion();
@@ -284,16 +284,34 @@ void PrimalDual::residual(Vec u, Vec f) {
   }
 }
 
+// A row of x may be made of residue alone: in contact, outputs below level r vanish, and states mixed of them
+// with them. What such a row reads is known only up to the terms of the rows below it, so a tenth of those
+// counts as its own: terms + |K|^{r-1} terms / 10, which leaves rows with terms of their own as they are.
 void PrimalDual::row_terms(Vec u, Vec terms) {
   check(VecCopy(u, work_.get()));
   check(VecAbs(work_.get()));
   check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
+  if (with_levels_) {
+    check(VecCopy(terms, inherited_.get()));
+    for (int i = 1; i < relative_degree_.highest; ++i) {
+      clear_multipliers(inherited_.get());
+      check(MatMult(abs_K_.get(), inherited_.get(), work_.get()));
+      check(VecCopy(work_.get(), inherited_.get()));
+    }
+    clear_multipliers(inherited_.get());
+    check(VecAXPY(terms, 0.1, inherited_.get()));
+  }
   const ReadArray values(u);
   const WriteArray result(terms);
   for (std::size_t q = 0; q < pinned_.size(); ++q) {
     const PetscInt row = local_x_ + static_cast<PetscInt>(q);
     if (pinned(q)) result[row] = std::abs(values[row]);
   }
+}
+
+void PrimalDual::clear_multipliers(Vec u) const {
+  const WriteArray values(u);
+  std::fill(values.data() + local_x_, values.data() + values.size(), 0.0);
 }
 
 void PrimalDual::jacobian(Vec, Mat jacobian) {
@@ -309,11 +327,7 @@ void PrimalDual::jacobian(Vec, Mat jacobian) {
 // residue.
 void PrimalDual::find_output_scale(Vec u) {
   row_terms(u, terms_.get());
-  {
-    const WriteArray terms(terms_.get());
-    for (PetscInt row = local_x_; row < terms.size(); ++row)
-      terms[row] = 0.0;
-  }
+  clear_multipliers(terms_.get());
   check(MatMult(abs_K_.get(), terms_.get(), work_.get()));
   const ReadArray spread(work_.get());
   const ReadArray g(g_.get());
@@ -328,20 +342,30 @@ void PrimalDual::find_output_scale(Vec u) {
   }
 }
 
-// Outputs that are one state of this rank, up to scale: a held one is put exactly on its bound by that state.
+// Outputs that are one state, up to scale: a held one is put exactly on its bound by that state.
 void PrimalDual::find_unit_outputs() {
   unit_state_.assign(levels_.z.size(), -1);
+  unit_remote_.assign(levels_.z.size(), -1);
   unit_scale_.assign(levels_.z.size(), 0.0);
   if (!with_levels_) return;
+  const Numbering number(system_.A.get(), relative_degree_.Z.get());
   const LocalRange states = row_range(system_.A.get());
   std::size_t q = 0;
+  int remote = 0;
   for_each_row(relative_degree_.Z.get(), [&](PetscInt, auto columns, auto values) {
-    if (columns.size() == 1 && states.contains(columns[0])) {
-      unit_state_[q] = columns[0] - states.first;
+    if (columns.size() == 1) {
       unit_scale_[q] = values[0];
+      if (states.contains(columns[0])) {
+        unit_state_[q] = columns[0] - states.first;
+      } else {
+        unit_remote_[q] = number.x(columns[0]);
+        remote = 1;
+      }
     }
     ++q;
   });
+  MPI_Allreduce(MPI_IN_PLACE, &remote, 1, MPI_INT, MPI_LOR, comm());
+  any_remote_ = remote != 0;  // not after distribute()
 }
 
 // In persistent contact outputs and the measures below level r are zero in exact arithmetic; what the solver
@@ -353,6 +377,7 @@ void PrimalDual::settle(Vec u) {
   evaluate(u, work_.get());
   std::vector<double>& z = settled_z_;
   z.resize(levels_.z.size());
+  SparseRow remote;
   {
     const ReadArray output(work_.get());
     const ReadArray g(g_.get());
@@ -361,12 +386,20 @@ void PrimalDual::settle(Vec u) {
       const PetscInt row = local_x_ + static_cast<PetscInt>(q);
       const bool held = !pinned(q) && std::abs(output[row]) <= held_rtol * output_scale_[q];
       z[q] = held ? 0.0 : output[row];
-      if (held && unit_state_[q] >= 0) values[unit_state_[q]] = -g[static_cast<PetscInt>(q)] / unit_scale_[q];
+      const double on_bound = held ? -g[static_cast<PetscInt>(q)] / unit_scale_[q] : 0.0;
+      if (held && unit_state_[q] >= 0) values[unit_state_[q]] = on_bound;
+      if (held && unit_remote_[q] >= 0) remote.emplace_back(unit_remote_[q], on_bound);
       const bool open = z[q] > 0.0 && z[q] > values[row];
       if (pinned(q) || open || values[row] < 0.0) values[row] = 0.0;
     }
   }
   if (!with_levels_) return;
+  if (any_remote_) {
+    for (const auto& [unknown, value] : remote)
+      check(VecSetValue(u, unknown, value, INSERT_VALUES));
+    check(VecAssemblyBegin(u));
+    check(VecAssemblyEnd(u));
+  }
   if (cross_) {
     const ReadArray values(u);
     {

@@ -58,6 +58,7 @@ private:
   void find_increment(const Step& step);
   void evaluate(Vec u, Vec f);
   void find_output_scale(Vec u);
+  void clear_multipliers(Vec u) const;
   void evaluate_g(double t, Vec g);
   bool is_homsp_with_levels() const { return with_levels_; }
   bool pinned(std::size_t q) const { return pinned_[q] != 0; }
@@ -78,10 +79,12 @@ private:
   LinearSolver completion_solver_;
   Vector u_, x_;
   Vector phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
-  Vector rhs_, rhs_terms_, work_, terms_;
-  std::vector<char> pinned_;          // local multipliers
-  std::uint64_t pinned_version_ = 0;  // counts changes of pinned_
-  std::vector<PetscInt> unit_state_;  // local state that an output is, or -1
+  Vector rhs_, rhs_terms_, work_, terms_, inherited_;
+  std::vector<char> pinned_;           // local multipliers
+  std::uint64_t pinned_version_ = 0;   // counts changes of pinned_
+  std::vector<PetscInt> unit_state_;   // local state that an output is, or -1
+  std::vector<PetscInt> unit_remote_;  // unknown on another rank that an output is, or -1
+  bool any_remote_ = false;            // on some rank
   std::vector<double> unit_scale_;
   std::vector<double> settled_z_;
   std::vector<double> output_scale_;  // local multipliers: an output below held_rtol times this is held

@@ -90,12 +90,9 @@ TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
   check(TSSetTimeStep(ts, impl_->h()));
   check(TSSetMaxSteps(ts, steps));
   check(TSSetMaxTime(ts, PETSC_MAX_REAL));
-  check(TSSetExactFinalTime(ts,
-                            TS_EXACTFINALTIME_STEPOVER));  // the number of steps ends the run, not the clock
+  // The number of steps ends the run, not the clock.
+  check(TSSetExactFinalTime(ts, TS_EXACTFINALTIME_STEPOVER));
   check(TSSetErrorIfStepFails(ts, PETSC_FALSE));
-  SNES snes = nullptr;
-  check(TSGetSNES(ts, &snes));
-  impl_->solver = std::make_unique<StepSolver>(snes, problem);
   refuse_clock_options();
   check_options(TSSetFromOptions(ts));
   check(TSSetErrorIfStepFails(ts, PETSC_FALSE));  // a step without solution is a result
@@ -104,6 +101,9 @@ TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
   if (std::string(type) != ts_type_name)
     throw InputError(std::string("-ts_type ") + type + " is not ours: the march is the TS type '" +
                      ts_type_name + "'; choose the scheme by time.scheme");
+  SNES snes = nullptr;  // after TSSetFromOptions, which would configure it once more
+  check(TSGetSNES(ts, &snes));
+  impl_->solver = std::make_unique<StepSolver>(snes, problem);
 }
 
 TimeMarch::~TimeMarch() {

@@ -57,11 +57,10 @@ void constraint_edges(const LinearSystem& system, const RelativeDegree& relative
         home = state;
       }
     const auto local = static_cast<std::size_t>(a - constraints.first);
-    if (relative_degree.outputs_are_states) {
-      home =
-          get_row(relative_degree.Z.get(), outputs.first + relative_degree.first_level[local]).front().first;
-      for (PetscInt q = relative_degree.first_level[local]; q < relative_degree.first_level[local + 1]; ++q)
-        together.push_back({home, get_row(relative_degree.Z.get(), outputs.first + q).front().first});
+    // Outputs that are states stay with their constraint: box on z relies on it, primal-dual saves messages.
+    for (PetscInt q = relative_degree.first_level[local]; q < relative_degree.first_level[local + 1]; ++q) {
+      const SparseRow output = get_row(relative_degree.Z.get(), outputs.first + q);
+      if (output.size() == 1) together.push_back({home, output.front().first});
     }
     homes.push_back(home);
     for (const SparseRow& row : {read, get_row(pushed.get(), a)})

@@ -31,7 +31,7 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
     PetscOptionsEnd();
     PetscFunctionReturn(0);
   };
-  check(read());
+  check_options(read());
   predictor.active_set = chosen == 1;
   if (!(options.rtol > 0.0 && options.rtol < 1.0))
     throw InputError(
