@@ -64,21 +64,19 @@ void simulate(MPI_Comm comm) {
   //    its step a SNESVI; -help lists their options.
   PetscInt per_second = 100;
   check(PetscOptionsGetInt(nullptr, nullptr, "-steps_per_second", &per_second, nullptr));
-  const double end = 5.0;
-  const PetscInt steps = 5 * per_second;
-  const double h = end / static_cast<double>(steps);
+  const TimeGrid grid{.start = 0.0, .end = 5.0, .steps = 5 * per_second};
   const Form form = choose_form(Scheme::homsp, relative_degree);
-  const auto problem = make_linear_dvi(system, relative_degree, Scheme::homsp, form, 0.0, h);
-  TimeMarch march(*problem, 0.0, end, steps);
+  const auto problem = make_linear_dvi(system, relative_degree, Scheme::homsp, form, grid);
+  TimeMarch march(*problem, grid);
 
   // 4. Step by step. w, level and mu hold this rank's constraints; the only one here lives on rank 0.
   if (rank == 0)
     std::printf("%6s %12s %6s %12s %12s %12s %12s\n", "t", "w", "level", "mu_1", "mu_2", "mu_3", "mu_4");
-  while (march.steps_taken() < march.steps()) {
+  while (march.steps_taken() < grid.steps) {
     const StepReport report = march.step();
     if (!report.certified) throw Error(ExitCode::unsolved, "a step could not be certified: " + report.reason);
     const bool eventful = !problem->events().empty();
-    const bool half_second = march.steps_taken() % std::max<PetscInt>(1, steps / 10) == 0;
+    const bool half_second = march.steps_taken() % std::max<PetscInt>(1, grid.steps / 10) == 0;
     if (rank == 0 && (eventful || half_second)) {
       const std::vector<double>& mu = problem->mu();
       std::printf("%6.3f %12.5e %6d %12.5e %12.5e %12.5e %12.5e\n", march.time(), problem->w()[0],

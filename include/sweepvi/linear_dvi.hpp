@@ -5,6 +5,7 @@
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/linear_system.hpp"
 #include "sweepvi/relative_degree.hpp"
+#include "sweepvi/time_grid.hpp"
 
 namespace sweepvi {
 
@@ -26,10 +27,10 @@ const char* name_of(Form form);
 /// The cheapest form that fits: box_on_z where all outputs are states of their own (no extra unknowns).
 Form choose_form(Scheme scheme, const RelativeDegree& relative_degree);
 
-/// Discretises `system` with steps of `h` seconds from `t_start`. Both arguments must outlive the result.
+/// Discretises `system` on `grid`. `system` and `relative_degree` must outlive the result.
 /// @note Collective on the system's communicator.
 std::unique_ptr<ConstrainedDvi> make_linear_dvi(const LinearSystem& system,
                                                 const RelativeDegree& relative_degree, Scheme scheme,
-                                                Form form, double t_start, double h);
+                                                Form form, const TimeGrid& grid);
 
 }  // namespace sweepvi

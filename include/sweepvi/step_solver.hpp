@@ -13,8 +13,10 @@ class Predictor;
 
 /// When a step counts as solved.
 struct CertificateOptions {
-  double rtol = 1e-10;    ///< -sweepvi_certificate_rtol: worst natural residual over row terms [-], > 0
-  double target = 1e-14;  ///< -sweepvi_target_rtol: where the solver stops improving [-], > 0 and <= rtol
+  double rtol = 1e-10;        ///< -sweepvi_certificate_rtol: worst natural residual over row terms [-], > 0
+  double target = 1e-14;      ///< -sweepvi_target_rtol: where the solver stops improving [-], > 0 and <= rtol
+  double stagnation = 1e-12;  ///< it also stops below this when a step no longer improves: what then is left
+                              ///< of a held output still counts as held
 };
 
 /// Where a step's solve starts.
@@ -38,7 +40,7 @@ struct StepReport {
 ///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for
 ///     all i.
 ///
-/// SNES stops when the certificate is met at `target`, or stops improving below `rtol`; its own tolerances do
+/// SNES stops when the certificate is met at `target`, or stops improving below 1e-12; its own tolerances do
 /// not enter. A predictor guesses the solution first (src/vi/predictor.hpp); where it is right, SNES accepts
 /// it at iteration 0. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the
 /// other type from there, both from the projection of zero.

@@ -5,10 +5,11 @@
 
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/step_solver.hpp"
+#include "sweepvi/time_grid.hpp"
 
 namespace sweepvi {
 
-/// Marches a Dvi from `start` to `end` in `steps` equal steps, t_k = start + k h by multiplication.
+/// Marches a Dvi along a time grid.
 ///
 /// The march is PETSc's TS of the type "sweepvi", registered here: monitors, views and logging work as for
 /// any TS
@@ -23,7 +24,7 @@ public:
   /// @throws Error (bad_input) if the options database asks for another TS type or a SNES that solves no box
   /// VI
   /// @note Collective on the problem's communicator. `problem` must outlive the march.
-  TimeMarch(Dvi& problem, double start, double end, PetscInt steps);
+  TimeMarch(Dvi& problem, const TimeGrid& grid);
   ~TimeMarch();
   TimeMarch(const TimeMarch&) = delete;
   TimeMarch& operator=(const TimeMarch&) = delete;
@@ -38,9 +39,8 @@ public:
   StepReport run();
 
   PetscInt steps_taken() const;
-  PetscInt steps() const;
+  const TimeGrid& grid() const;
   double time() const;  ///< time reached [s]
-  double h() const;     ///< [s]
   const StepSolver& solver() const;
 
 private:

@@ -57,9 +57,8 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   const RelativeDegree& degree = model.relative_degree;
   const TimeSpec& time = model.scene.time;
   const Form form = choose_form(time.scheme, degree);
-  const auto dvi = make_linear_dvi(system, degree, time.scheme, form, time.start, time.step);
-  const TimeMarch march(*dvi, time.start, time.end,
-                        static_cast<PetscInt>(time.steps));  // reads what options there are
+  const auto dvi = make_linear_dvi(system, degree, time.scheme, form, time.grid());
+  const TimeMarch march(*dvi, time.grid());  // reads what options there are
   if (line.help_requested) return ExitCode::done;
   report_unused_options(comm);
   Summary counts;

@@ -17,7 +17,7 @@ namespace {
 
 std::string failure_text(const TimeMarch& march, const StepReport& report) {
   const PetscInt number = march.steps_taken() + 1;
-  const double t = march.time() + march.h();
+  const double t = march.grid().time(number);
   return fmt::format(
       "step {}, t = {:.6g} s: the step could not be certified: {} after {} iterations in {} attempts, "
       "residual {:.3g} of "
@@ -41,9 +41,8 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
                  {{"the scene", line.scene}, {"the output", path}, {"--summary", line.summary.value_or("")}});
 
   const Form form = choose_form(time.scheme, model.relative_degree);
-  const auto dvi =
-      make_linear_dvi(model.system, model.relative_degree, time.scheme, form, time.start, time.step);
-  TimeMarch march(*dvi, time.start, time.end, static_cast<PetscInt>(time.steps));
+  const auto dvi = make_linear_dvi(model.system, model.relative_degree, time.scheme, form, time.grid());
+  TimeMarch march(*dvi, time.grid());
   if (line.help_requested) return ExitCode::done;  // the objects have printed their options
 
   if (line.summary) check_writable(comm, *line.summary, true);

@@ -29,9 +29,9 @@ Form choose_form(Scheme scheme, const RelativeDegree& relative_degree) {
 
 std::unique_ptr<ConstrainedDvi> make_linear_dvi(const LinearSystem& system,
                                                 const RelativeDegree& relative_degree, Scheme scheme,
-                                                Form form, double t_start, double h) {
-  if (form == Form::box_on_z) return std::make_unique<BoxOnZ>(system, relative_degree, t_start, h);
-  return std::make_unique<PrimalDual>(system, relative_degree, scheme, t_start, h);
+                                                Form form, const TimeGrid& grid) {
+  if (form == Form::box_on_z) return std::make_unique<BoxOnZ>(system, relative_degree, grid.start, grid.h());
+  return std::make_unique<PrimalDual>(system, relative_degree, scheme, grid.start, grid.h());
 }
 
 }  // namespace sweepvi

@@ -37,9 +37,12 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   }
   pinned_.assign(levels_.z.size(), 0);
   output_scale_.assign(levels_.z.size(), 0.0);
+  held_.assign(levels_.z.size(), 0);
+  settled_z_.assign(levels_.z.size(), 0.0);
 
   const Blocks blocks = make_blocks();
   check(MatCreateVecs(system.A.get(), x_.put(), phi_.put()));
+  shift_ = duplicate(phi_.get());
   check(MatCreateVecs(blocks.E.get(), g_.put(), nullptr));
   check(MatCreateVecs(relative_degree.Z.get(), nullptr, output_g_old_.put()));
   output_g_new_ = duplicate(output_g_old_.get());
@@ -352,6 +355,7 @@ void PrimalDual::find_unit_outputs() {
   const LocalRange states = row_range(system_.A.get());
   std::size_t q = 0;
   int remote = 0;
+  int mixed = 0;
   for_each_row(relative_degree_.Z.get(), [&](PetscInt, auto columns, auto values) {
     if (columns.size() == 1) {
       unit_scale_[q] = values[0];
@@ -361,60 +365,99 @@ void PrimalDual::find_unit_outputs() {
         unit_remote_[q] = number.x(columns[0]);
         remote = 1;
       }
+    } else {
+      mixed = 1;
     }
     ++q;
   });
-  MPI_Allreduce(MPI_IN_PLACE, &remote, 1, MPI_INT, MPI_LOR, comm());
-  any_remote_ = remote != 0;  // not after distribute()
+  int flags[2] = {remote, mixed};
+  MPI_Allreduce(MPI_IN_PLACE, flags, 2, MPI_INT, MPI_LOR, comm());
+  any_remote_ = flags[0] != 0;  // not after distribute()
+  any_mixed_ = flags[1] != 0;
 }
 
 // In persistent contact outputs and the measures below level r are zero in exact arithmetic; what the solver
-// leaves of them is residue, and rows made of residue alone could never be certified. Held outputs are put on
-// their bound, and their measures below level r follow from AB (32): mu_i = z_{i,k+1} - z_{i,k} - h
-// z_{i+1,k+1} (- cross terms).
+// leaves of them is residue. It must not be handed on: a later step, whose terms may be far smaller, would
+// take it for an output that is honestly open, and rows made of residue alone could never be certified. So
+// held outputs are put on their bound in x too, and their measures below level r follow from AB (32).
 void PrimalDual::settle(Vec u) {
   find_output_scale(u);
   evaluate(u, work_.get());
-  std::vector<double>& z = settled_z_;
-  z.resize(levels_.z.size());
-  SparseRow remote;
   {
     const ReadArray output(work_.get());
-    const ReadArray g(g_.get());
     const WriteArray values(u);
-    for (std::size_t q = 0; q < z.size(); ++q) {
+    for (std::size_t q = 0; q < settled_z_.size(); ++q) {
       const PetscInt row = local_x_ + static_cast<PetscInt>(q);
-      const bool held = !pinned(q) && std::abs(output[row]) <= held_rtol * output_scale_[q];
-      z[q] = held ? 0.0 : output[row];
-      const double on_bound = held ? -g[static_cast<PetscInt>(q)] / unit_scale_[q] : 0.0;
-      if (held && unit_state_[q] >= 0) values[unit_state_[q]] = on_bound;
-      if (held && unit_remote_[q] >= 0) remote.emplace_back(unit_remote_[q], on_bound);
-      const bool open = z[q] > 0.0 && z[q] > values[row];
+      held_[q] = !pinned(q) && std::abs(output[row]) <= held_rtol * output_scale_[q] ? 1 : 0;
+      settled_z_[q] = held_[q] != 0 ? 0.0 : output[row];
+      const bool open = settled_z_[q] > 0.0 && settled_z_[q] > values[row];
       if (pinned(q) || open || values[row] < 0.0) values[row] = 0.0;
     }
   }
   if (!with_levels_) return;
-  if (any_remote_) {
-    for (const auto& [unknown, value] : remote)
-      check(VecSetValue(u, unknown, value, INSERT_VALUES));
-    check(VecAssemblyBegin(u));
-    check(VecAssemblyEnd(u));
-  }
-  if (cross_) {
-    const ReadArray values(u);
+  if (any_mixed_) project_held(u);
+  put_unit_outputs(u);
+  recover_lower_measures(u);
+}
+
+// x -= sum d_{a,i} z_{a,i} over the held outputs; twice, for what one of them leaves in another.
+void PrimalDual::project_held(Vec u) {
+  for (int pass = 0; pass < 2; ++pass) {
+    evaluate(u, work_.get());
     {
+      const ReadArray output(work_.get());
+      const WriteArray residue(defect_.get());
+      for (std::size_t q = 0; q < held_.size(); ++q) {
+        const auto local = static_cast<PetscInt>(q);
+        residue[local] = held_[q] != 0 ? output[local_x_ + local] : 0.0;
+      }
+    }
+    check(MatMultTranspose(relative_degree_.directions.get(), defect_.get(), shift_.get()));
+    const ReadArray shift(shift_.get());
+    const WriteArray values(u);
+    for (PetscInt i = 0; i < local_x_; ++i)
+      values[i] -= shift[i];
+  }
+}
+
+// Held outputs that are single states: exactly on the bound.
+void PrimalDual::put_unit_outputs(Vec u) {
+  SparseRow remote;
+  {
+    const ReadArray g(g_.get());
+    const WriteArray values(u);
+    for (std::size_t q = 0; q < held_.size(); ++q) {
+      if (held_[q] == 0 || unit_scale_[q] == 0.0) continue;
+      const double on_bound = -g[static_cast<PetscInt>(q)] / unit_scale_[q];
+      if (unit_state_[q] >= 0) values[unit_state_[q]] = on_bound;
+      if (unit_remote_[q] >= 0) remote.emplace_back(unit_remote_[q], on_bound);
+    }
+  }
+  if (!any_remote_) return;
+  for (const auto& [unknown, value] : remote)
+    check(VecSetValue(u, unknown, value, INSERT_VALUES));
+  check(VecAssemblyBegin(u));
+  check(VecAssemblyEnd(u));
+}
+
+// mu_i = z_{i,k+1} - z_{i,k} - h z_{i+1,k+1} - (what other constraints' measures do to z_i), i < r, where z_i
+// is held.
+void PrimalDual::recover_lower_measures(Vec u) {
+  check(VecSet(defect_.get(), 0.0));
+  if (cross_) {
+    {
+      const ReadArray values(u);
       const WriteArray measures(output_g_old_.get());
-      for (std::size_t q = 0; q < z.size(); ++q) {
+      for (std::size_t q = 0; q < output_scale_.size(); ++q) {
         const double nu = values[local_x_ + static_cast<PetscInt>(q)];
         measures[static_cast<PetscInt>(q)] = nu > held_rtol * output_scale_[q] ? nu : 0.0;
       }
     }
     check(MatMult(cross_.get(), output_g_old_.get(), defect_.get()));
-  } else {
-    check(VecSet(defect_.get(), 0.0));
   }
   const ReadArray cross(defect_.get());
   const WriteArray values(u);
+  const std::vector<double>& z = settled_z_;
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
     for (int i = 1; i < levels_.levels(a) && i <= levels_.level[a]; ++i) {
       const std::size_t q = levels_.at(a, i);

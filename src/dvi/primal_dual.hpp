@@ -54,6 +54,9 @@ private:
   void assemble(const Blocks& blocks);
   void find_cross_coupling();
   void find_unit_outputs();
+  void project_held(Vec u);
+  void put_unit_outputs(Vec u);
+  void recover_lower_measures(Vec u);
   void prepare_completion();
   void find_increment(const Step& step);
   void evaluate(Vec u, Vec f);
@@ -78,14 +81,16 @@ private:
   Matrix completion_;  // I + cross_
   LinearSolver completion_solver_;
   Vector u_, x_;
-  Vector phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
+  Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
   Vector rhs_, rhs_terms_, work_, terms_, inherited_;
   std::vector<char> pinned_;           // local multipliers
   std::uint64_t pinned_version_ = 0;   // counts changes of pinned_
   std::vector<PetscInt> unit_state_;   // local state that an output is, or -1
   std::vector<PetscInt> unit_remote_;  // unknown on another rank that an output is, or -1
+  bool any_mixed_ = false;             // on some rank: an output made of several states
   bool any_remote_ = false;            // on some rank
   std::vector<double> unit_scale_;
+  std::vector<char> held_;  // outputs of the settled point
   std::vector<double> settled_z_;
   std::vector<double> output_scale_;  // local multipliers: an output below held_rtol times this is held
   PetscInt first_row_ = 0;            // global number of this rank's first unknown

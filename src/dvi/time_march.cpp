@@ -26,21 +26,17 @@ void refuse_clock_options() {
 
 struct TimeMarch::Impl {
   Dvi& problem;
-  double start, end;
-  PetscInt steps;
+  TimeGrid grid;
   TimeStepper ts;
   std::unique_ptr<StepSolver> solver;
   Observer observer;
   StepReport last;
   std::exception_ptr parked;
 
-  double h() const { return (end - start) / static_cast<double>(steps); }
-  double time(PetscInt k) const { return k == steps ? end : start + static_cast<double>(k) * h(); }
-
   /// One step, called by TSStep: on success the TS stands at t_{k+1}.
   void take_step() {
     TS raw = ts.get();
-    const Step step{raw->steps + 1, time(raw->steps), time(raw->steps + 1), h()};
+    const Step step{raw->steps + 1, grid.time(raw->steps), grid.time(raw->steps + 1), grid.h()};
     last = solver->solve(step);
     if (!last.certified) {
       raw->reason = TS_DIVERGED_NONLINEAR_SOLVE;
@@ -62,7 +58,7 @@ struct TimeMarch::Impl {
     const auto* self = static_cast<Impl*>(ts->data);
     PetscFunctionBeginUser;
     PetscCall(PetscViewerASCIIPrintf(viewer, "  %" PetscInt_FMT " steps of %g s, one box VI each\n",
-                                     self->steps, self->h()));
+                                     self->grid.steps, self->grid.h()));
     PetscFunctionReturn(0);
   }
   static PetscErrorCode ts_create(TS ts) {
@@ -77,8 +73,8 @@ struct TimeMarch::Impl {
   }
 };
 
-TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
-    : impl_(new Impl{problem, start, end, steps, {}, nullptr, {}, {}, nullptr}) {
+TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid)
+    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, nullptr}) {
   impl_->last.certified = true;                      // nothing has failed yet
   check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
   check(TSCreate(problem.comm(), impl_->ts.put()));
@@ -86,9 +82,9 @@ TimeMarch::TimeMarch(Dvi& problem, double start, double end, PetscInt steps)
   check(TSSetType(ts, ts_type_name));
   ts->data = impl_.get();
   check(TSSetSolution(ts, problem.state()));
-  check(TSSetTime(ts, start));
-  check(TSSetTimeStep(ts, impl_->h()));
-  check(TSSetMaxSteps(ts, steps));
+  check(TSSetTime(ts, grid.start));
+  check(TSSetTimeStep(ts, grid.h()));
+  check(TSSetMaxSteps(ts, grid.steps));
   check(TSSetMaxTime(ts, PETSC_MAX_REAL));
   // The number of steps ends the run, not the clock.
   check(TSSetExactFinalTime(ts, TS_EXACTFINALTIME_STEPOVER));
@@ -130,14 +126,11 @@ PetscInt TimeMarch::steps_taken() const {
   return taken;
 }
 
-PetscInt TimeMarch::steps() const {
-  return impl_->steps;
+const TimeGrid& TimeMarch::grid() const {
+  return impl_->grid;
 }
 double TimeMarch::time() const {
-  return impl_->time(steps_taken());
-}
-double TimeMarch::h() const {
-  return impl_->h();
+  return impl_->grid.time(steps_taken());
 }
 const StepSolver& TimeMarch::solver() const {
   return *impl_->solver;

@@ -12,6 +12,7 @@
 #include "sweepvi/error.hpp"
 #include "sweepvi/linear_dvi.hpp"
 #include "sweepvi/signal.hpp"
+#include "sweepvi/time_grid.hpp"
 
 namespace sweepvi {
 
@@ -22,7 +23,7 @@ struct TimeSpec {
   double end = 0.0;        ///< [s]
   double step = 0.0;       ///< h [s], already adjusted to hit `end`
   std::int64_t steps = 0;  ///< K
-  double time(std::int64_t k) const { return k == steps ? end : start + static_cast<double>(k) * step; }
+  TimeGrid grid() const { return {start, end, static_cast<PetscInt>(steps)}; }
 };
 
 /// `kind = "linear"`: x' = A x + B lambda + f, w = C x + D lambda + w0, w >= 0.

@@ -8,8 +8,9 @@
 namespace sweepvi {
 
 namespace {
-constexpr int most_iterations = 30;  // the sets of a step settle in a few; a cycle never does
-}
+constexpr int most_iterations = 30;    // the sets of a step settle in a few; a cycle never does
+constexpr double refine_below = 1e-6;  // a ratio that wrong sets do not reach
+}  // namespace
 
 Predictor::Predictor(Dvi& problem, Mat pattern) : problem_(problem) {
   check(MatDuplicate(pattern, MAT_COPY_VALUES, jacobian_.put()));
@@ -27,77 +28,79 @@ Predictor::Predictor(Dvi& problem, Mat pattern) : problem_(problem) {
   check(KSPSetErrorIfNotConverged(solver_.get(), PETSC_FALSE));  // a bad guess is no failure
 }
 
-// Rows at a bound and the Newton step's right side. Returns false if the set is that of the factorization.
-bool Predictor::classify(Vec u, Vec f, Vec lower, Vec upper) {
+// Finds the rows at a bound. Returns true if the factorization is not that of this set and Jacobian.
+bool Predictor::classify(Vec u, Vec lower, Vec upper) {
   const LocalRange rows = row_range(jacobian_.get());
   active_.clear();
   {
     const ReadArray x(u);
-    const ReadArray residual(f);
+    const ReadArray residual(f_.get());
     const ReadArray l(lower);
     const ReadArray b(upper);
-    const WriteArray right(right_side_.get());
     for (PetscInt i = 0; i < x.size(); ++i) {
       const double shifted = x[i] - residual[i];
-      const bool low = shifted <= l[i];
-      const bool high = shifted >= b[i];
-      right[i] = low ? l[i] - x[i] : high ? b[i] - x[i] : -residual[i];
-      if (low || high) active_.push_back(rows.first + i);
+      if (shifted <= l[i]) active_.push_back({rows.first + i, l[i]});
+      if (shifted >= b[i]) active_.push_back({rows.first + i, b[i]});
     }
   }
   int changed =
-      has_factor_ && active_ == factored_ && problem_.jacobian_version() == factored_version_ ? 0 : 1;
+      has_factor_ && problem_.jacobian_version() == factored_version_ && active_ == factored_ ? 0 : 1;
   MPI_Allreduce(MPI_IN_PLACE, &changed, 1, MPI_INT, MPI_LOR, problem_.comm());
   return changed != 0;
 }
 
-// u += J_active^{-1} right_side
-bool Predictor::solve(Vec u) {
+void Predictor::factor(Vec u) {
+  problem_.jacobian(u, jacobian_.get());
+  std::vector<PetscInt> rows;
+  for (const Bound& bound : active_)
+    rows.push_back(bound.row);
+  check(MatZeroRows(jacobian_.get(), static_cast<PetscInt>(rows.size()), rows.data(), 1.0, nullptr, nullptr));
+  factored_ = active_;
+  factored_version_ = problem_.jacobian_version();
+  has_factor_ = true;
+}
+
+// One Newton step with the current sets: u += J^{-1} (bound - u | -F).
+bool Predictor::advance(Vec u) {
+  const PetscInt first = row_range(jacobian_.get()).first;
+  check(VecCopy(f_.get(), right_side_.get()));
+  check(VecScale(right_side_.get(), -1.0));
+  {
+    const ReadArray x(u);
+    const WriteArray right(right_side_.get());
+    for (const Bound& bound : active_)
+      right[bound.row - first] = bound.value - x[bound.row - first];
+  }
   check(KSPSolve(solver_.get(), right_side_.get(), step_.get()));
   KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
   check(KSPGetConvergedReason(solver_.get(), &reason));
-  if (reason < 0) return false;
+  if (reason < 0) {
+    has_factor_ = false;
+    check(KSPReset(solver_.get()));  // MUMPS's factor object does not recover from a singular matrix
+    check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
+    return false;
+  }
   check(VecAXPY(u, 1.0, step_.get()));
+  const WriteArray x(u);
+  for (const Bound& bound : active_)
+    x[bound.row - first] = bound.value;  // exactly, not up to the rounding of a solve
   return true;
 }
 
 bool Predictor::improve(Vec u, Vec lower, Vec upper, double target, const Ratio& ratio) {
-  double previous = std::numeric_limits<double>::infinity();
+  double reached = std::numeric_limits<double>::infinity();
+  bool refining = false;  // the sets are right: with them kept, rounding in degenerate rows cannot flip them
   for (int iteration = 0; iteration < most_iterations; ++iteration) {
+    const double previous = reached;
     problem_.residual(u, f_.get());
-    const bool changed = classify(u, f_.get(), lower, upper);
-    if (changed) {
-      problem_.jacobian(u, jacobian_.get());
-      check(MatZeroRows(jacobian_.get(), static_cast<PetscInt>(active_.size()), active_.data(), 1.0, nullptr,
-                        nullptr));
-      factored_ = active_;
-      factored_version_ = problem_.jacobian_version();
-      has_factor_ = true;
-    }
-    if (!solve(u)) {
-      has_factor_ = false;
-      check(KSPReset(solver_.get()));  // MUMPS's factor object does not recover from a singular matrix
-      check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
-      return false;
-    }
-    // Exactly on the bound, not up to the rounding of a solve.
-    {
-      const LocalRange rows = row_range(jacobian_.get());
-      const ReadArray l(lower);
-      const ReadArray b(upper);
-      const WriteArray x(u);
-      for (const PetscInt row : active_) {
-        const PetscInt i = row - rows.first;
-        const bool two_sided = l[i] > PETSC_NINFINITY && b[i] < PETSC_INFINITY;
-        x[i] = l[i] <= PETSC_NINFINITY || (two_sided && std::abs(x[i] - b[i]) < std::abs(x[i] - l[i])) ? b[i]
-                                                                                                       : l[i];
-      }
-    }
-    const double reached = ratio(u);
+    const bool changed = !refining && classify(u, lower, upper);
+    if (changed) factor(u);
+    if (!advance(u)) return false;
+    reached = ratio(u);
     if (reached <= target) return true;
-    if (!changed && !(reached < 0.5 * previous))
-      return false;  // the set has settled and rounding is all that is left
-    previous = reached;
+    const bool improved = reached < 0.5 * previous;
+    if (!improved && !changed && !refining) return false;  // the sets repeat and rounding is all that is left
+    refining = reached <= refine_below && (improved || !refining);
   }
   return false;
 }

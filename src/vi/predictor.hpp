@@ -31,14 +31,21 @@ public:
   bool improve(Vec u, Vec lower, Vec upper, double target, const Ratio& ratio);
 
 private:
-  bool classify(Vec u, Vec f, Vec lower, Vec upper);
-  bool solve(Vec u);
+  /// A row held at a bound.
+  struct Bound {
+    PetscInt row;
+    double value;
+    bool operator==(const Bound&) const = default;
+  };
+  bool classify(Vec u, Vec lower, Vec upper);
+  void factor(Vec u);
+  bool advance(Vec u);
 
   Dvi& problem_;
   Matrix jacobian_;
   LinearSolver solver_;
   Vector f_, right_side_, step_;
-  std::vector<PetscInt> active_, factored_;  // global rows at a bound; those of the current factorization
+  std::vector<Bound> active_, factored_;  // of this step; of the current factorization
   std::uint64_t factored_version_ = 0;
   bool has_factor_ = false;
 };

@@ -39,6 +39,7 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
         "by default");
   if (!(options.target > 0.0)) throw InputError("-sweepvi_target_rtol must be > 0; 1e-14 by default");
   options.target = std::min(options.target, options.rtol);
+  options.stagnation = std::min(options.stagnation, options.rtol);
 }
 
 double mid(double l, double b, double v) {
@@ -195,7 +196,7 @@ PetscErrorCode StepSolver::converged(SNES snes, PetscInt iteration, PetscReal, P
     self.previous_ratio_ = ratio;
     if (!std::isfinite(ratio)) {
       *reason = SNES_DIVERGED_FNORM_NAN;
-    } else if (ratio <= self.certificate_.target || (ratio <= self.certificate_.rtol && !improves)) {
+    } else if (ratio <= self.certificate_.target || (ratio <= self.certificate_.stagnation && !improves)) {
       *reason = SNES_CONVERGED_FNORM_RELATIVE;
     } else {
       *reason = SNES_CONVERGED_ITERATING;

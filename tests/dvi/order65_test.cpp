@@ -27,9 +27,8 @@ Outcome march(PetscInt steps, const char* snes_type, Form form, const char* pred
   const ScopedOption factorization("-pc_factor_mat_solver_type", small_and_many ? "petsc" : "mumps");
   const LinearSystem system = example65(PETSC_COMM_WORLD);
   const RelativeDegree degree = analyse_relative_degree(system);
-  const auto dvi =
-      make_linear_dvi(system, degree, Scheme::homsp, form, 0.0, 10.0 / static_cast<double>(steps));
-  TimeMarch time_march(*dvi, 0.0, 10.0, steps);
+  const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, form, {0.0, 10.0, steps});
+  TimeMarch time_march(*dvi, {0.0, 10.0, steps});
   Outcome outcome;
   time_march.observe([&](const Step& step, const StepReport& report) {
     EXPECT_LE(report.residual, 1e-10);

@@ -128,7 +128,7 @@ TEST_F(SceneTest, StepsHitTheEnd) {
         read(linear, {{"time.start", c.start}, {"time.end", c.end}, {"time.step", c.step}}).time;
     EXPECT_EQ(time.steps, c.steps);
     EXPECT_EQ(time.start, std::atof(c.start));
-    EXPECT_EQ(time.time(time.steps), std::atof(c.end));
+    EXPECT_EQ(time.grid().time(time.grid().steps), std::atof(c.end));
     EXPECT_DOUBLE_EQ(time.step * static_cast<double>(time.steps), std::atof(c.end) - std::atof(c.start));
   }
 }

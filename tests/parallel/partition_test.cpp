@@ -40,8 +40,9 @@ Dealt deal(const ChainSpec& spec) {
 }
 
 std::vector<double> end_state(const Dealt& dealt) {
-  const auto dvi = make_linear_dvi(dealt.system, dealt.degree, Scheme::homsp, Form::box_on_z, 0.0, 0.05);
-  TimeMarch march(*dvi, 0.0, 5.0, 100);
+  const auto dvi =
+      make_linear_dvi(dealt.system, dealt.degree, Scheme::homsp, Form::box_on_z, {0.0, 5.0, 100});
+  TimeMarch march(*dvi, {0.0, 5.0, 100});
   EXPECT_TRUE(march.run().certified);
   return in_scene_order(dealt.system, everywhere(dvi->x()));
 }

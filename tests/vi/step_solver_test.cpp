@@ -130,8 +130,8 @@ TEST(StepSolver, KeepsTheFactorizationWhileTheActiveSetLasts) {
   int size = 1;
   MPI_Comm_size(PETSC_COMM_WORLD, &size);
   if (size > 1) return;  // states stand on several ranks without distribute()
-  const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, Form::box_on_z, 0.0, 0.01);
-  TimeMarch march(*dvi, 0.0, 10.0, 1000);
+  const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, Form::box_on_z, {0.0, 10.0, 1000});
+  TimeMarch march(*dvi, {0.0, 10.0, 1000});
   PetscLogEvent event = -1;
   PetscEventPerfInfo before;
   PetscEventPerfInfo after;
