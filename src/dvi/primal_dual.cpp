@@ -19,6 +19,7 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
       relative_degree_(relative_degree),
       h_(h),
       with_levels_(scheme == Scheme::homsp && relative_degree.highest > 1),
+      has_outputs_(scheme == Scheme::homsp && relative_degree.lowest > 0),
       completes_(scheme != Scheme::naive_euler && system.f.varies && relative_degree.highest > 2),
       forcing_(system, relative_degree) {
   const std::size_t count = relative_degree.degree.size();

@@ -10,8 +10,8 @@ namespace sweepvi {
 
 /// Unknowns (x, nu), one multiplier per constraint and level that the scheme knows:
 ///
-///     F_x  = (I - hA) x - x_k - phi - E nu,      F_nu = G x + H nu + g(t_{k+1}),      0 <= nu  _|_  F_nu >=
-///     0.
+///     F_x  = (I - hA) x - x_k - phi - E nu,
+///     F_nu = G x + H nu + g(t_{k+1}),            0 <= nu  _|_  F_nu >= 0.
 ///
 /// | process                     | G     | E                   | H            | measure             |
 /// |-----------------------------|-------|---------------------|--------------|---------------------|
@@ -42,7 +42,7 @@ public:
 
   Vec x() const override { return x_.get(); }
   const std::vector<double>& w() const override { return levels_.w; }
-  const std::vector<double>& z() const override { return is_homsp_with_levels() ? levels_.z : no_outputs_; }
+  const std::vector<double>& z() const override { return has_outputs_ ? levels_.z : no_outputs_; }
   const std::vector<double>& mu() const override { return levels_.mu; }
   int mu_levels() const override { return levels_.mu_levels; }
   const std::vector<int>& level() const override { return levels_.level; }
@@ -63,13 +63,13 @@ private:
   void find_output_scale(Vec u);
   void clear_multipliers(Vec u) const;
   void evaluate_g(double t, Vec g);
-  bool is_homsp_with_levels() const { return with_levels_; }
   bool pinned(std::size_t q) const { return pinned_[q] != 0; }
 
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   double h_;
   bool with_levels_;  // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
+  bool has_outputs_;  // HOMSP without D: the rows of G are the outputs
   bool completes_;    // phi needs completing
   OutputForcing forcing_;
   LevelState levels_;

@@ -251,7 +251,7 @@ PetscInt StepSolver::attempt(bool other_type, bool cold, std::string& reason) {
     check(VecCopy(guess_.get(), u_.get()));
   }
   check(VecScale(u_.get(), sigma_));
-  // A semismooth solve that broke off leaves its own function in ours' place.
+  // A semismooth solve that broke off leaves its own function in place of ours.
   check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
   const PetscErrorCode code = SNESSolve(snes, nullptr, u_.get());
   check(code, parked_);
