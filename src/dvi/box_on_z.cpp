@@ -8,7 +8,7 @@
 namespace sweepvi {
 
 BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h)
-    : system_(system), relative_degree_(relative_degree), h_(h), forcing_(system, relative_degree) {
+    : LevelDvi(system, h), relative_degree_(relative_degree), forcing_(system, relative_degree) {
   levels_.allocate(relative_degree.degree, relative_degree.highest);
   check(MatCreateVecs(system.A.get(), scale_.put(), nullptr));
   for (Vector* vector : {&u_, &x_, &g_old_, &g_new_, &c_, &rhs_, &rhs_terms_, &work_, &terms_})

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "dvi/level_state.hpp"
+#include "dvi/level_dvi.hpp"
 #include "dvi/output_forcing.hpp"
 #include "sweepvi/linear_dvi.hpp"
 
@@ -16,12 +16,10 @@ namespace sweepvi {
 /// with c = 0 on the rows of levels i < r, where AB (32) holds exactly. F on a bounded row is the measure
 /// mu_{a,i} (on level r: M_aa mu_{a,r}), so 0 <= z_{a,i} _|_ mu_{a,i} >= 0 for i <= r* is the box VI itself.
 /// Source: AB (34)-(45).
-class BoxOnZ final : public ConstrainedDvi {
+class BoxOnZ final : public LevelDvi {
 public:
   BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h);
 
-  MPI_Comm comm() const override { return system_.comm(); }
-  Vec state() const override { return u_.get(); }
   Matrix create_jacobian() const override;
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
   void residual(Vec u, Vec f) override;
@@ -30,31 +28,17 @@ public:
   std::uint64_t jacobian_version() const override { return 0; }  // constant
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
-  double penetration() const override { return levels_.penetration(comm()); }
-  PetscInt active() const override { return levels_.active(); }
-
-  Vec x() const override { return x_.get(); }
-  const std::vector<double>& w() const override { return levels_.w; }
-  const std::vector<double>& z() const override { return levels_.z; }
-  const std::vector<double>& mu() const override { return levels_.mu; }
-  int mu_levels() const override { return levels_.mu_levels; }
-  const std::vector<int>& level() const override { return levels_.level; }
-  const std::vector<StepEvent>& events() const override { return levels_.events; }
 
 private:
   void place_forcing(double t, Vec g_x);
   void find_c(const Step& step);
   void recover_x(Vec u);
 
-  const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
-  double h_;
   OutputForcing forcing_;
-  LevelState levels_;
-  std::vector<PetscInt> position_;  // local state of each local output
-  Vector scale_;                    // S
-  Matrix K_, abs_K_;                // I - h S A S^{-1} and its absolute values
-  Vector u_, x_;
+  std::vector<PetscInt> position_;    // local state of each local output
+  Vector scale_;                      // S
+  Matrix K_, abs_K_;                  // I - h S A S^{-1} and its absolute values
   Vector g_outputs_, g_old_, g_new_;  // layouts: outputs, x, x
   Vector c_, rhs_, rhs_terms_, work_, terms_;
 };

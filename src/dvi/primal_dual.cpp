@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -15,9 +16,8 @@ struct PrimalDual::Blocks {
 
 PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme,
                        double t_start, double h)
-    : system_(system),
+    : LevelDvi(system, h),
       relative_degree_(relative_degree),
-      h_(h),
       with_levels_(scheme == Scheme::homsp && relative_degree.highest > 1),
       has_outputs_(scheme == Scheme::homsp && relative_degree.lowest > 0),
       completes_(scheme != Scheme::naive_euler && system.f.varies && relative_degree.highest > 2),
@@ -199,11 +199,7 @@ void PrimalDual::prepare_completion() {
   check(KSPCreate(comm(), completion_solver_.put()));
   check(KSPSetOptionsPrefix(completion_solver_.get(), "sweepvi_completion_"));
   check(KSPSetOperators(completion_solver_.get(), completion_.get(), completion_.get()));
-  check(KSPSetType(completion_solver_.get(), KSPPREONLY));
-  PC preconditioner = nullptr;
-  check(KSPGetPC(completion_solver_.get(), &preconditioner));
-  check(PCSetType(preconditioner, PCLU));
-  check(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
+  default_to_mumps(completion_solver_.get());
   check_options(KSPSetFromOptions(completion_solver_.get()));
 }
 

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "dvi/level_state.hpp"
+#include "dvi/level_dvi.hpp"
 #include "dvi/output_forcing.hpp"
 #include "sweepvi/linear_dvi.hpp"
 
@@ -22,13 +22,11 @@ namespace sweepvi {
 ///
 /// A level above r* has the row nu = 0 instead, so the pattern never changes. phi is h f_{k+1}, for HOMSP and
 /// ZD-Euler completed along d_{a,i}, i < r, so that AB (32) holds exactly for forcing that varies.
-class PrimalDual final : public ConstrainedDvi {
+class PrimalDual final : public LevelDvi {
 public:
   PrimalDual(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme, double t_start,
              double h);
 
-  MPI_Comm comm() const override { return system_.comm(); }
-  Vec state() const override { return u_.get(); }
   Matrix create_jacobian() const override;
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
   void residual(Vec u, Vec f) override;
@@ -37,16 +35,8 @@ public:
   std::uint64_t jacobian_version() const override { return pinned_version_; }
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
-  double penetration() const override { return levels_.penetration(comm()); }
-  PetscInt active() const override { return levels_.active(); }
 
-  Vec x() const override { return x_.get(); }
-  const std::vector<double>& w() const override { return levels_.w; }
   const std::vector<double>& z() const override { return has_outputs_ ? levels_.z : no_outputs_; }
-  const std::vector<double>& mu() const override { return levels_.mu; }
-  int mu_levels() const override { return levels_.mu_levels; }
-  const std::vector<int>& level() const override { return levels_.level; }
-  const std::vector<StepEvent>& events() const override { return levels_.events; }
 
 private:
   struct Blocks;  // E, G, H before they are assembled
@@ -65,14 +55,11 @@ private:
   void evaluate_g(double t, Vec g);
   bool pinned(std::size_t q) const { return pinned_[q] != 0; }
 
-  const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
-  double h_;
   bool with_levels_;  // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
   bool has_outputs_;  // HOMSP without D: the rows of G are the outputs
   bool completes_;    // phi needs completing
   OutputForcing forcing_;
-  LevelState levels_;
   std::vector<double> measure_per_nu_;  // local multipliers
   std::vector<double> no_outputs_;
   PetscInt local_x_ = 0;
@@ -80,7 +67,6 @@ private:
   Matrix cross_;       // Z D off its unit diagonal, levels below r; empty: no cross coupling
   Matrix completion_;  // I + cross_
   LinearSolver completion_solver_;
-  Vector u_, x_;
   Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
   Vector rhs_, rhs_terms_, work_, terms_, inherited_;
   std::vector<char> pinned_;           // local multipliers

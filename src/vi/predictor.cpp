@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -19,11 +20,7 @@ Predictor::Predictor(Dvi& problem, Mat pattern) : problem_(problem) {
     *vector = duplicate(problem.state());
   check(KSPCreate(problem.comm(), solver_.put()));
   check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
-  check(KSPSetType(solver_.get(), KSPPREONLY));
-  PC preconditioner = nullptr;
-  check(KSPGetPC(solver_.get(), &preconditioner));
-  check(PCSetType(preconditioner, PCLU));
-  check(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
+  default_to_mumps(solver_.get());
   check_options(KSPSetFromOptions(solver_.get()));
   check(KSPSetErrorIfNotConverged(solver_.get(), PETSC_FALSE));  // a bad guess is no failure
 }

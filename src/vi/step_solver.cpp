@@ -6,6 +6,7 @@
 
 #include <petsc/private/snesimpl.h>
 
+#include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
 #include "vi/predictor.hpp"
 
@@ -82,10 +83,7 @@ void StepSolver::configure(SNES snes, const char* type) {
   KSP ksp = nullptr;
   PC pc = nullptr;
   check(SNESGetKSP(snes, &ksp));
-  check(KSPSetType(ksp, KSPPREONLY));
-  check(KSPGetPC(ksp, &pc));
-  check(PCSetType(pc, PCLU));
-  check(PCFactorSetMatSolverType(pc, MATSOLVERMUMPS));
+  default_to_mumps(ksp);
   // An absolute zone around the bounds would pin honest small outputs (h^3 after lift-off): none, unless
   // asked for by -snes_vi_zero_tolerance. PETSc has no setter for it.
   snes->vizerotolerance = 0.0;
@@ -93,6 +91,7 @@ void StepSolver::configure(SNES snes, const char* type) {
   check(SNESSetType(snes, type));                        // -snes_type names the chosen one only
   check(SNESSetErrorIfNotConverged(snes, PETSC_FALSE));  // a step without solution is a result
   check(KSPSetErrorIfNotConverged(ksp, PETSC_FALSE));
+  check(KSPGetPC(ksp, &pc));
   check_factorization(pc);
   lift_step_limit(snes);
   check(SNESSetFunction(snes, snes_f_.get(), form_function, this));

@@ -203,6 +203,23 @@ class Examples(unittest.TestCase):
 
     # ---- all ----------------------------------------------------------------------------------------
 
+    def test_each_scene_gets_only_the_unknowns_it_needs(self):
+        for scene, scheme, expected in (
+            ("paper65/scene.toml", "homsp", 5),  # outputs are states: no multipliers
+            ("forced_contact/scene.toml", "homsp", 5),
+            ("section34/example1.toml", "homsp", 3),
+            ("section34/example1.toml", "naive-euler", 4),  # lambda itself
+            ("section34/example2.toml", "homsp", 3),
+            ("section34/example2.toml", "zd-euler", 4),
+            ("diode_ladder/scene.toml", "homsp", 8 + 7),  # diodes share capacitors: a current each
+            ("diode_ladder/isotonic.toml", "homsp", 8 + 7),
+            ("jerk_chain/scene.toml", "homsp", 5 * 2000),
+        ):
+            path = gallery.EXAMPLES / scene
+            outcome = program.run("check", str(path), "--set", f"time.scheme={scheme}")
+            self.assertEqual(outcome.code, 0, outcome)
+            self.assertRegex(outcome.out, rf"(?m)^unknowns +{expected} ", f"{scene}, {scheme}")
+
     def test_no_example_is_forgotten(self):
         checks = Path(__file__).read_text() + Path(__file__).with_name("jerk_chain_full_test.py").read_text()
         for name, example in self.examples.items():
