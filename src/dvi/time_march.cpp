@@ -59,7 +59,7 @@ struct TimeMarch::Impl {
     PetscFunctionBeginUser;
     PetscCall(PetscViewerASCIIPrintf(viewer, "  %" PetscInt_FMT " steps of %g s, one box VI each\n",
                                      self->grid.steps, self->grid.h()));
-    PetscFunctionReturn(0);
+    PetscFunctionReturn(static_cast<PetscErrorCode>(0));  // an enumeration in newer PETSc
   }
   static PetscErrorCode ts_create(TS ts) {
     ts->ops->step = ts_step;

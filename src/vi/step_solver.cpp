@@ -30,7 +30,7 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
                                 "PredictorOptions", predictors.data(), 2,
                                 predictors[static_cast<std::size_t>(chosen)], &chosen, nullptr));
     PetscOptionsEnd();
-    PetscFunctionReturn(0);
+    PetscFunctionReturn(static_cast<PetscErrorCode>(0));  // an enumeration in newer PETSc
   };
   check_options(read());
   predictor.active_set = chosen == 1;
