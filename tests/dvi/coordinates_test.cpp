@@ -175,6 +175,33 @@ TEST(Coordinates, RotationOfTheFirstTwoLevels) {
   }
 }
 
+// A wall at x_1 = 0.3, once as an offset w0, once by moving the origin, which leaves a constant force A (0.3,
+// 0, ...).
+TEST(Coordinates, AnOffsetIsAMovedOrigin) {
+  const std::vector<double> a = row_major(a65());
+  const std::vector<double> b = {0, 0, 1, 0, 0};
+  const std::vector<double> c = {1, 0, 0, 0, 0};
+  const auto run = [&](const std::vector<double>& x0, const std::vector<Signal>& f, double w0, Form form) {
+    LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 5, 1, a, b, c, x0, {}, f, {w0});
+    RelativeDegree degree = analyse_relative_degree(system);
+    distribute(system, degree);
+    const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, form, grid);
+    TimeMarch time_march(*dvi, grid);
+    EXPECT_TRUE(time_march.run().certified);
+    EXPECT_EQ(time_march.steps_taken(), steps);
+    return in_scene_order(system, everywhere(dvi->x()));
+  };
+  const std::vector<Signal> moved = {{}, {}, {-0.3}, {}, {0.3}};
+  const std::vector<double> expected = run({1, 0, 0, 0, 0}, moved, 0.0, Form::box_on_z);
+  for (const Form form : {Form::box_on_z, Form::primal_dual}) {
+    std::vector<double> shifted = run({1.3, 0, 0, 0, 0}, {}, -0.3, form);
+    shifted[0] -= 0.3;
+    // The same numbers but for rounding: 1000 steps on values of size 3.
+    EXPECT_LE(distance(shifted, expected), 1e-11) << name_of(form);
+    EXPECT_LE(distance(run({1, 0, 0, 0, 0}, moved, 0.0, form), expected), 1e-11) << name_of(form);
+  }
+}
+
 // Without distribute(), the outputs of a constraint may be states of other ranks.
 TEST(Coordinates, OutputsOnOtherRanks) {
   const LinearSystem system = example65(PETSC_COMM_WORLD);
