@@ -69,17 +69,17 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
     const double stepping = MPI_Wtime();
     double last = stepping;
     double recording = 0.0;
-    PetscInt active_before = dvi->active();
     march.observe([&](const Step& step, const StepReport& step_report) {
       const double solved = MPI_Wtime();
       summary.snes_iterations += step_report.iterations;
       summary.predictor_hits += step_report.predicted ? 1 : 0;
       summary.max_residual = std::max(summary.max_residual, step_report.residual);
       summary.max_penetration = std::max(summary.max_penetration, dvi->penetration());
-      std::int64_t changes[2] = {dvi->active() != active_before ? 1 : 0, 0};
-      active_before = dvi->active();
-      MPI_Allreduce(&changes[0], &changes[1], 1, MPI_INT64_T, MPI_MAX, comm);
-      summary.active_changes += changes[1];
+      int contact_changes = 0;
+      for (const StepEvent& event : dvi->events())
+        if (!event.impact || event.level == 1) contact_changes = 1;
+      MPI_Allreduce(MPI_IN_PLACE, &contact_changes, 1, MPI_INT, MPI_LOR, comm);
+      summary.active_changes += contact_changes;
       recorder.step(step, step_report, solved - last);
       last = MPI_Wtime();
       recording += last - solved;
