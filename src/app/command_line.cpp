@@ -288,7 +288,7 @@ std::string general_help() {
            {"1", "internal error: a bug"},
            {"2", "bad usage, scene or data; nothing was computed or written"},
            {"3", "a step could not be solved or certified; the output holds everything before it"},
-           {"4", "stopped by a signal"},
+           {"4", "stopped in order (not built yet: a signal ends a run at once)"},
            {"5", "output could not be written (disk full, no permission, existing file without --force)"}}));
 }
 

@@ -15,8 +15,7 @@ namespace sweepvi {
 namespace {
 
 void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& predictor) {
-  constexpr std::array<const char*, 2> predictors = {"none", "active-set"};
-  PetscInt chosen = predictor.active_set ? 1 : 0;
+  std::array<char, 64> chosen{"active-set"};
   const auto read = [&]() -> PetscErrorCode {
     PetscFunctionBeginUser;
     PetscOptionsBegin(comm, nullptr, "sweepvi: step certificate", "sweepvi");
@@ -26,14 +25,18 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
     PetscCall(PetscOptionsReal("-sweepvi_target_rtol",
                                "Ratio at which the solver stops improving a step [-], > 0",
                                "CertificateOptions", options.target, &options.target, nullptr));
-    PetscCall(PetscOptionsEList("-sweepvi_predictor", "How a step's solution is guessed before SNES",
-                                "PredictorOptions", predictors.data(), 2,
-                                predictors[static_cast<std::size_t>(chosen)], &chosen, nullptr));
+    // Not PetscOptionsEList: in PETSc 3.18 its message on an unknown value overruns its own buffer.
+    PetscCall(PetscOptionsString("-sweepvi_predictor",
+                                 "How a step's solution is guessed before SNES: active-set | none",
+                                 "PredictorOptions", chosen.data(), chosen.data(), chosen.size(), nullptr));
     PetscOptionsEnd();
     PetscFunctionReturn(static_cast<PetscErrorCode>(0));  // an enumeration in newer PETSc
   };
   check_options(read());
-  predictor.active_set = chosen == 1;
+  const std::string name = chosen.data();
+  if (name != "active-set" && name != "none")
+    throw InputError("-sweepvi_predictor is '" + name + "'; expected active-set or none");
+  predictor.active_set = name == "active-set";
   if (!(options.rtol > 0.0 && options.rtol < 1.0))
     throw InputError(
         "-sweepvi_certificate_rtol is outside (0, 1); it bounds the natural residual over row terms, 1e-10 "
