@@ -34,6 +34,7 @@ private:
 std::vector<PetscInt> positions(const Selection& selection, const std::vector<PetscInt>& scene_numbers,
                                 PetscInt per_block) {
   std::vector<PetscInt> result;
+  result.reserve(scene_numbers.size());
   for (const PetscInt number : scene_numbers)
     result.push_back(selection.position(number, per_block));
   return result;

@@ -21,6 +21,7 @@ const std::vector<std::string> planned_elements = {"wall", "contact", "flexible"
 Scheme read_scheme(const TomlValue& value) {
   const std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
   std::vector<std::string> names;
+  names.reserve(schemes.size());
   for (const Scheme scheme : schemes)
     names.emplace_back(name_of(scheme));
   const std::string name = value.choice(names, planned_schemes, true);

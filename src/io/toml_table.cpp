@@ -272,7 +272,7 @@ std::string TomlValue::string() const {
 }
 
 std::string TomlValue::path() const {
-  const std::string path = string();
+  std::string path = string();
   if (path.empty()) fail("= \"\"; expected the name of a file");
   if (overridden()) return path;
   return (std::filesystem::path(document_->file).parent_path() / path).string();
@@ -283,7 +283,7 @@ std::string TomlValue::choice(const std::vector<std::string>& built, const std::
   if (node_ == nullptr && optional) return built.front();
   const std::string available = fmt::format("\"{}\"", fmt::join(built, "\", \""));
   if (!is_string()) fail_kind((built.size() > 1 ? "one of " : "") + available);
-  const std::string value = string();
+  std::string value = string();
   if (std::find(built.begin(), built.end(), value) != built.end()) return value;
   const std::string quoted = fmt::format("= \"{}\"", shortened(value));
   if (std::find(planned.begin(), planned.end(), value) != planned.end())
