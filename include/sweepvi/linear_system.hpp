@@ -26,6 +26,12 @@ struct Forcing {
   void add_to(Vec y, double t, int order, double factor) const;
 };
 
+/// How a scene numbers the states of its elements; x0 and /x stand in that order.
+enum class StateLayout {
+  element_by_element,  ///< all states of element 0, then of element 1, ...
+  state_by_state       ///< the first state of every element, then the second, ...
+};
+
 /// A linear system with state constraints, distributed over the ranks of A's communicator:
 ///
 ///     x' = A x + B lambda + f(t),   w = C x + D lambda + w0,   0 <= w  _|_  lambda >= 0 in the sense of its
@@ -46,8 +52,9 @@ struct LinearSystem {
   std::vector<PetscInt> constraint_order;  ///< scene number of each constraint this rank owns
   std::vector<PetscInt> block;             ///< per owned state: the element it belongs to, kept on one rank
   PetscInt block_count = 0;                ///< elements in all
-  std::vector<std::string> state_names;    ///< repeat periodically over the scene's states; may be empty
-  PetscInt edge_cut = 0;                   ///< couplings between ranks, in element pairs
+  std::vector<std::string> state_names;    ///< of one element's states, alike for all; may be empty
+  StateLayout layout = StateLayout::element_by_element;  ///< where the scene has them
+  PetscInt edge_cut = 0;                                 ///< couplings between ranks, in element pairs
 
   MPI_Comm comm() const;
   PetscInt states() const;       ///< n

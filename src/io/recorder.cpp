@@ -11,33 +11,48 @@ namespace {
 
 enum Field : std::size_t { t, x, w, mu, level, iterations, seconds, residual, active, z };
 
-/// Position in the file of each scene number that is recorded, -1 elsewhere.
+/// Position in the file of what is recorded of the elements, -1 elsewhere.
 class Selection {
 public:
-  Selection(const std::optional<std::vector<std::int64_t>>& blocks) : blocks_(blocks) {}
-  /// @param scene_number  of a state or constraint; `per_block` of them belong to each element
-  PetscInt position(PetscInt scene_number, PetscInt per_block) const {
-    if (!blocks_) return scene_number;
-    const std::int64_t block = scene_number / per_block;
-    const auto at = std::lower_bound(blocks_->begin(), blocks_->end(), block);
-    if (at == blocks_->end() || *at != block) return -1;
-    return static_cast<PetscInt>(at - blocks_->begin()) * per_block + scene_number % per_block;
+  /// @param states  of one element
+  Selection(const std::optional<std::vector<std::int64_t>>& blocks, PetscInt count, PetscInt states,
+            StateLayout layout)
+      : blocks_(blocks), count_(count), states_(states), layout_(layout) {}
+
+  /// Elements recorded.
+  PetscInt kept() const { return blocks_ ? static_cast<PetscInt>(blocks_->size()) : count_; }
+
+  PetscInt element(PetscInt number) const {
+    if (!blocks_) return number;
+    const auto at = std::lower_bound(blocks_->begin(), blocks_->end(), number);
+    return at == blocks_->end() || *at != number ? -1 : static_cast<PetscInt>(at - blocks_->begin());
   }
-  PetscInt total(PetscInt all, PetscInt per_block) const {
-    return blocks_ ? static_cast<PetscInt>(blocks_->size()) * per_block : all;
+
+  /// @param number  of the state in the scene
+  PetscInt state(PetscInt number) const {
+    const bool whole = layout_ == StateLayout::element_by_element;
+    const PetscInt kept_element = element(whole ? number / states_ : number % count_);
+    if (kept_element < 0) return -1;
+    return whole ? states_ * kept_element + number % states_ : kept() * (number / count_) + kept_element;
   }
 
 private:
   const std::optional<std::vector<std::int64_t>>& blocks_;
+  PetscInt count_, states_;
+  StateLayout layout_;
 };
 
-std::vector<PetscInt> positions(const Selection& selection, const std::vector<PetscInt>& scene_numbers,
-                                PetscInt per_block) {
+template <class Position>
+std::vector<PetscInt> positions(const std::vector<PetscInt>& scene_numbers, Position&& position) {
   std::vector<PetscInt> result;
   result.reserve(scene_numbers.size());
   for (const PetscInt number : scene_numbers)
-    result.push_back(selection.position(number, per_block));
+    result.push_back(position(number));
   return result;
+}
+
+const char* text_of(StateLayout layout) {
+  return layout == StateLayout::element_by_element ? "element by element" : "state by state";
 }
 
 }  // namespace
@@ -53,10 +68,12 @@ struct Recorder::Layout {
   static Layout find(const OutputSpec& output, const LinearSystem& system,
                      const RelativeDegree& relative_degree, const ConstrainedDvi& dvi) {
     const MPI_Comm comm = system.comm();
-    const Selection selection(output.blocks);
     const auto per_block = static_cast<PetscInt>(std::max<std::size_t>(1, system.state_names.size()));
-    const PetscInt states = selection.total(system.states(), per_block);
-    const PetscInt constraints = selection.total(system.constraints(), 1);
+    const Selection selection(output.blocks, system.states() / per_block, per_block, system.layout);
+    const auto state = [&](PetscInt number) { return selection.state(number); };
+    const auto element = [&](PetscInt number) { return selection.element(number); };
+    const PetscInt states = per_block * selection.kept();
+    const PetscInt constraints = output.blocks ? selection.kept() : system.constraints();
 
     // Outputs stand constraint by constraint in scene order; degrees may differ.
     int has_outputs = dvi.z().empty() ? 0 : 1;
@@ -67,22 +84,21 @@ struct Recorder::Layout {
     broadcast(comm, numbers);
     std::vector<PetscInt> width(numbers.size(), 0);
     for (std::size_t k = 0; k < numbers.size(); ++k)
-      if (selection.position(numbers[k], 1) >= 0) width[static_cast<std::size_t>(numbers[k])] = degrees[k];
+      if (element(numbers[k]) >= 0) width[static_cast<std::size_t>(numbers[k])] = degrees[k];
     std::vector<PetscInt> first(width.size() + 1, 0);
     std::partial_sum(width.begin(), width.end(), first.begin() + 1);
     std::vector<PetscInt> output_positions;
     for (std::size_t a = 0; a < system.constraint_order.size(); ++a) {
       const PetscInt number = system.constraint_order[a];
-      const bool kept = selection.position(number, 1) >= 0;
+      const bool kept = element(number) >= 0;
       for (int i = 0; i < relative_degree.degree[a]; ++i)
         output_positions.push_back(kept ? first[static_cast<std::size_t>(number)] + i : -1);
     }
 
-    Layout layout{
-        output,       FileOrder(comm, positions(selection, system.state_order, per_block), states),
-        std::nullopt, FileOrder(comm, positions(selection, system.constraint_order, 1), constraints),
-        states,       first.back(),
-        constraints,  {}};
+    Layout layout{output,       FileOrder(comm, positions(system.state_order, state), states),
+                  std::nullopt, FileOrder(comm, positions(system.constraint_order, element), constraints),
+                  states,       first.back(),
+                  constraints,  {}};
     if (has_outputs != 0) layout.outputs.emplace(comm, output_positions, first.back());
     const bool uniform = relative_degree.lowest == relative_degree.highest;
     for (std::size_t a = 0; a < (uniform ? 1 : width.size()); ++a)
@@ -102,9 +118,16 @@ struct Recorder::Layout {
     const auto real = FieldSpec::Type::real;
     const auto integer = FieldSpec::Type::integer;
     specs.push_back({"/t", real, {}, 0, 0, "s", "time", {}});
-    specs.push_back(slice(
-        states, recorded_states,
-        {"/x", real, {}, 0, 0, "1", "states in the scene's coordinates and order", system.state_names}));
+    specs.push_back(slice(states, recorded_states,
+                          {"/x",
+                           real,
+                           {},
+                           0,
+                           0,
+                           "1",
+                           "states in the scene's coordinates and order",
+                           system.state_names,
+                           system.state_names.empty() ? "" : text_of(system.layout)}));
     specs.push_back(
         slice(constraints, recorded_constraints, {"/w", real, {}, 0, 0, "1", "constraint values", {}}));
     specs.push_back(slice(constraints, recorded_constraints,

@@ -172,7 +172,9 @@ void TableFile::make_column(std::size_t field) {
   column.dataset = Hdf5Dataset(H5Dcreate2(file_.get(), spec.name.c_str(), entry_type(spec), space.get(),
                                           with_groups().get(), properties.get(), H5P_DEFAULT));
   const hid_t dataset = sure(column.dataset.get(), doing);
-  sure(describe(dataset, spec.units, spec.description, spec.names) ? 0 : -1, "describe " + spec.name);
+  const bool described = describe(dataset, spec.units, spec.description, spec.names) &&
+                         (spec.order.empty() || write_attribute(dataset, "order", spec.order));
+  sure(described ? 0 : -1, "describe " + spec.name);
 }
 
 void TableFile::make_events() {

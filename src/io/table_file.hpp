@@ -27,9 +27,12 @@ struct FieldSpec {
   hsize_t count = 0;             ///< the ranks' slices tile it.  One number per row: ignored, rank 0 owns it
   std::string units;             ///< "m", "1" for pure numbers
   std::string description;       ///< one sentence
-  /// What the columns are called. Shorter than a row: the names repeat with their length (z1 z2 z1 z2 ...).
+  /// What the columns are called. Shorter than a row: the names repeat, as `order` says.
   /// Left out of the file if they need more than 60 KiB, because an HDF5 attribute cannot be larger.
-  std::vector<std::string> names;
+  std::vector<std::string> names = {};
+  /// How names repeat: "element by element" (z1 z2 z1 z2 ...) or "state by state" (q q ... v v ...). An
+  /// attribute where it is not empty.
+  std::string order = {};
 };
 
 /// A row of `/events`: constraint `constraint` was hit (or released) on level `level` at time t.

@@ -294,8 +294,12 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
   system.f.constant = moved(comm, system.f.constant, old_states.first, state_owner, new_states);
   system.f.varying = moved(comm, system.f.varying, old_states.first, state_owner, new_states);
 
-  // Before the move rows stood in scene order, so old numbers are scene numbers.
-  system.state_order = new_states;
+  // Before the move constraints stood in scene order, so old numbers are scene numbers.
+  std::vector<PetscInt> scene_numbers = gather(comm, system.state_order);
+  broadcast(comm, scene_numbers);
+  system.state_order.clear();
+  for (const PetscInt state : new_states)
+    system.state_order.push_back(scene_numbers[static_cast<std::size_t>(state)]);
   system.constraint_order = new_constraints;
   broadcast(comm, block);
   system.block.clear();
