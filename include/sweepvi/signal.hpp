@@ -15,6 +15,9 @@ struct Signal {
   bool varies() const { return amplitude != 0.0 && frequency != 0.0; }
   bool is_zero() const { return !varies() && value(0.0) == 0.0; }
 
+  /// The same signal, `factor` times as large.
+  Signal scaled(double factor) const { return {factor * offset, factor * amplitude, frequency, phase}; }
+
   /// The `order`-th time derivative at t [s].
   double value(double t, int order = 0) const {
     const double omega = 2.0 * std::numbers::pi * frequency;

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <limits>
 
+#include "io/scene_chain.hpp"
 #include "io/toml_table.hpp"
 
 namespace sweepvi {
@@ -16,7 +17,6 @@ namespace {
 /// What the contract names for later, so that it is not mistaken for a slip.
 const std::vector<std::string> planned_schemes = {"catching-up", "moreau-jean", "hybrid", "zhuravlev-ivanov"};
 const std::vector<std::string> planned_kinds = {"lagrangian", "sweeping", "zhuravlev-ivanov"};
-const std::vector<std::string> planned_elements = {"wall", "contact", "flexible", "zhuravlev-ivanov"};
 
 Scheme read_scheme(const TomlValue& value) {
   const std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
@@ -127,88 +127,6 @@ LinearSpec read_linear(const TomlValue& table, bool root) {
   return model;
 }
 
-// Chains
-// ---------------------------------------------------------------------------------------------------------
-
-template <class T>
-PerElement<T> one_per_element(const TomlValue& key, std::vector<T> values, std::int64_t count) {
-  if (!key.elsewhere() && static_cast<std::int64_t>(values.size()) != count)
-    key.fail(fmt::format("has {} entries; expected a single value, or model.count = {} entries",
-                         values.size(), count));
-  return {std::move(values)};
-}
-
-void read_per_element(const TomlValue& key, std::int64_t count, PerElement<double>& element) {
-  if (!key) return;
-  if (key.is_array() || key.names_file()) {
-    element = one_per_element(key, key.numbers(), count);
-  } else {
-    element = {{key.number()}};
-  }
-}
-
-void read_per_element(const TomlValue& key, std::int64_t count, PerElement<Signal>& element) {
-  if (!key) return;
-  if (key.is_array() || key.names_file()) {
-    element = one_per_element(key, key.signals(), count);
-  } else {
-    element = {{key.signal()}};
-  }
-}
-
-ChainSpec read_chain(const TomlValue& table) {
-  const TomlValue count = table["count"], coupling = table["coupling"], topology = table["topology"],
-                  shape = table["shape"], x0 = table["x0"], force = table["force"], base = table["base"],
-                  spread = table["spread"], a1 = table["a1"], a2 = table["a2"], a3 = table["a3"];
-  table["element"].choice({"jerk"}, planned_elements, false);
-  table.refuse_unknown();
-  ChainSpec model;
-  model.ring = topology.choice({"chain", "ring"}, {"lattice"}, true) == "ring";
-  if (shape) shape.fail_not_built("model.count");
-  model.count = count.integer();
-  const std::int64_t least = model.ring ? 3 : 1;
-  constexpr std::int64_t states = 5;
-  const std::int64_t most = std::numeric_limits<PetscInt>::max() / states;
-  if (model.count < least)
-    count.fail(
-        fmt::format("= {}; expected at least {}{}", model.count, least, model.ring ? " in a ring" : ""));
-  if (model.count > most) count.fail(fmt::format("= {}; expected at most {}", model.count, most));
-  if (coupling.is_array() || coupling.names_file())
-    coupling.fail("as a matrix is not built yet; available: a number");
-  model.coupling = coupling.number_or(0.0);
-  read_per_element(a1, model.count, model.a1);
-  read_per_element(a2, model.count, model.a2);
-  read_per_element(a3, model.count, model.a3);
-  read_per_element(base, model.count, model.base);
-  read_per_element(spread, model.count, model.spread);
-  read_per_element(force, model.count, model.force);
-  if (x0) {
-    model.x0 = x0.numbers();
-    if (!x0.elsewhere()) expect_length(x0, model.x0, states * model.count, "5 model.count");
-  }
-  return model;
-}
-
-/// Rank 0 may have read files that the others did not.
-template <class T>
-void share(MPI_Comm comm, std::vector<T>& values) {
-  std::int64_t size = static_cast<std::int64_t>(values.size());
-  MPI_Bcast(&size, 1, MPI_INT64_T, 0, comm);
-  values.resize(static_cast<std::size_t>(size));
-  constexpr std::int64_t part = 1 << 24;  // MPI counts with int
-  for (std::int64_t first = 0; first < size; first += part)
-    MPI_Bcast(values.data() + first,
-              static_cast<int>(std::min(part, size - first) * static_cast<int>(sizeof(T))), MPI_BYTE, 0,
-              comm);
-}
-
-void share(MPI_Comm comm, ChainSpec& model) {
-  for (auto* element : {&model.a1, &model.a2, &model.a3, &model.base, &model.spread})
-    share(comm, element->values);
-  share(comm, model.force.values);
-  share(comm, model.x0);
-}
-
 // The rest
 // -------------------------------------------------------------------------------------------------------
 
@@ -250,7 +168,7 @@ void read_document(const TomlValue& document, bool root, Scene& scene) {
   const bool is_chain = model["kind"].choice({"linear", "chain"}, planned_kinds, false) == "chain";
   scene.time = read_time(time);
   if (is_chain) {
-    scene.model = read_chain(model);
+    scene.model = read_chain(model, scene.time.scheme, root);
   } else {
     scene.model = read_linear(model, root);
   }

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "io/matrix_file.hpp"
+#include "model/chain_spec.hpp"
 #include "sweepvi/error.hpp"
 #include "sweepvi/linear_dvi.hpp"
 #include "sweepvi/signal.hpp"
@@ -34,26 +35,6 @@ struct LinearSpec {
   std::vector<Signal> f;           ///< n, or empty: no forcing
   std::vector<double> w0;          ///< m
   std::vector<double> x0;          ///< n
-};
-
-/// A value per element: one number for all, or one each.
-template <class T>
-struct PerElement {
-  std::vector<T> values;  ///< length 1 or N
-  const T& operator[](std::int64_t i) const {
-    return values.size() == 1 ? values.front() : values[static_cast<std::size_t>(i)];
-  }
-};
-
-/// `kind = "chain"`, `element = "jerk"`. Complete on every rank.
-struct ChainSpec {
-  std::int64_t count = 0;
-  bool ring = false;
-  double coupling = 0.0;
-  PerElement<double> a1{{-1.0}}, a2{{-1.0}}, a3{{-1.0}};
-  PerElement<double> base{{0.2}}, spread{{0.8}};
-  PerElement<Signal> force{{Signal{}}};
-  std::vector<double> x0;  ///< in the order of /x, or empty: the element's default
 };
 
 struct OutputSpec {

@@ -1,6 +1,7 @@
 #include "model/from_scene.hpp"
 
 #include <numeric>
+#include <utility>
 
 #include "model/chain.hpp"
 #include "parallel/gather.hpp"
@@ -106,7 +107,8 @@ LinearSystem from_spec(MPI_Comm comm, LinearSpec& spec) {
 
 LinearSystem make_linear_system(MPI_Comm comm, Scene& scene) {
   if (auto* spec = std::get_if<LinearSpec>(&scene.model)) return from_spec(comm, *spec);
-  return make_chain(comm, std::get<ChainSpec>(scene.model));
+  const ChainSpec spec = std::exchange(std::get<ChainSpec>(scene.model), ChainSpec{});
+  return make_chain(comm, spec);
 }
 
 }  // namespace sweepvi

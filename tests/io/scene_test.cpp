@@ -179,22 +179,25 @@ TEST_F(SceneTest, ChainIsCompleteOnEveryRank) {
                            "[output]\nblocks = [3, 1]\nevery = 5\ncheckpoint = 0\n");
   const auto& model = std::get<ChainSpec>(scene.model);
   EXPECT_EQ(model.count, 4);
-  EXPECT_TRUE(model.ring);
+  EXPECT_EQ(model.element, find_element("jerk"));
+  EXPECT_EQ(model.topology, Topology::ring);
   EXPECT_EQ(model.coupling, 2.0);
-  EXPECT_EQ(model.a1[3], -3.0);
-  EXPECT_EQ(model.a2.values, (std::vector<double>{1, 2, 3, 4}));
-  EXPECT_EQ(model.a3[2], -1.0);
-  EXPECT_EQ(model.base[0], 0.2);
-  EXPECT_EQ(model.spread[0], 0.8);
-  EXPECT_EQ(model.force[1].offset, 2.0);
-  EXPECT_EQ(model.force[2].phase, 0.5);
+  ASSERT_EQ(model.keys.size(), 5U);  // a1 a2 a3 base spread
+  EXPECT_EQ(model.keys[0][3], -3.0);
+  EXPECT_EQ(model.keys[1].values, (std::vector<double>{1, 2, 3, 4}));
+  EXPECT_EQ(model.keys[2][2], -1.0);
+  EXPECT_EQ(model.keys[3][0], 0.2);
+  EXPECT_EQ(model.keys[4][0], 0.8);
+  ASSERT_EQ(model.forces.size(), 1U);
+  EXPECT_EQ(model.forces[0][1].offset, 2.0);
+  EXPECT_EQ(model.forces[0][2].phase, 0.5);
   ASSERT_EQ(model.x0.size(), 20U);
   EXPECT_EQ(model.x0[19], 20.0);
   EXPECT_EQ(scene.output.blocks, (std::vector<std::int64_t>{1, 3}));
   const Scene plain = read(chain + "count = 1\nforce = {amplitude = 1, frequency = 2}\n");
-  EXPECT_FALSE(std::get<ChainSpec>(plain.model).ring);
+  EXPECT_EQ(std::get<ChainSpec>(plain.model).topology, Topology::chain);
   EXPECT_TRUE(std::get<ChainSpec>(plain.model).x0.empty());
-  EXPECT_TRUE(std::get<ChainSpec>(plain.model).force[0].varies());
+  EXPECT_TRUE(std::get<ChainSpec>(plain.model).forces[0][0].varies());
 }
 
 TEST_F(SceneTest, ComplaintsSayWhereAndWhat) {
@@ -286,12 +289,11 @@ TEST_F(SceneTest, ComplaintsSayWhereAndWhat) {
       {times + "[model]\nkind = \"lagrangian\"\n",
        "model.kind = \"lagrangian\" is not built yet; available: \"linear\", \"chain\""},
       {times + "[model]\nkind = \"liner\"\n", "model.kind = \"liner\" is unknown; did you mean 'linear'?"},
-      {times + "[model]\nkind = \"chain\"\nelement = \"wall\"\n",
-       "model.element = \"wall\" is not built yet; available: \"jerk\""},
-      {chain + "count = 3\ntopology = \"lattice\"\n", "model.topology = \"lattice\" is not built yet"},
-      {chain + "count = 3\nshape = [1, 3]\n", "model.shape is not built yet"},
-      {chain + "count = 3\ncoupling = \"K.mtx\"\n",
-       "model.coupling as a matrix is not built yet; available: a number"},
+      {times + "[model]\nkind = \"chain\"\nelement = \"zhuravlev-ivanov\"\n",
+       "model.element = \"zhuravlev-ivanov\" is not built yet; available: \"jerk\", \"wall\""},
+      {times + "[model]\nkind = \"chain\"\nelement = \"wall\"\ncount = 3\n",
+       "scene.toml:4:1: model.e = 0.5 unless the scene says otherwise; the scheme \"homsp\" takes"},
+      {chain + "count = 3\ncoupling = \"K.mtx\"\n", "scene.toml:8:12: model.coupling: K.mtx"},
       {linear + "wmax = [3]\n", "model.wmax is not built yet; available: inf"},
       {linear + "wmax = 3\n", "model.wmax is not built yet; available: inf"},
       {linear + "[output]\ncheckpoint = 60\n", "output.checkpoint = 60 s is not built yet; available: 0"},

@@ -13,9 +13,8 @@ namespace sweepvi::test {
 namespace {
 
 ChainSpec chain(std::int64_t count, bool ring = false) {
-  ChainSpec spec;
-  spec.count = count;
-  spec.ring = ring;
+  ChainSpec spec = ChainSpec::of(*find_element("jerk"), count);
+  spec.topology = ring ? Topology::ring : Topology::chain;
   spec.coupling = 0.5;
   return spec;
 }
@@ -68,9 +67,10 @@ TEST(Partition, BalancesElementsAndKeepsThemWhole) {
 
 TEST(Partition, ForcingAndStartsTravelWithTheirStates) {
   ChainSpec spec = chain(7);
-  spec.force.values.clear();
+  std::vector<Signal>& force = spec.forces[0].values;
+  force.clear();
   for (int i = 0; i < 7; ++i)
-    spec.force.values.push_back({0.1 * i, i % 2 == 1 ? 0.5 : 0.0, 1.0, 0.0});
+    force.push_back({0.1 * i, i % 2 == 1 ? 0.5 : 0.0, 1.0, 0.0});
   const Dealt dealt = deal(spec);
   Vector f = duplicate(dealt.system.x0.get());
   dealt.system.f.add_to(f.get(), 0.25, 0, 1.0);  // a quarter period: sin = 1
