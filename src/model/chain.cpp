@@ -59,7 +59,7 @@ public:
         add_forces(i);
         const PetscInt local = i - elements_.first;
         if (element_.offset) w0[local] = element_.offset(place(i), values_);
-        start(i, {x0.data() + states_ * local, static_cast<std::size_t>(states_)});
+        start(i, {&x0[states_ * local], static_cast<std::size_t>(states_)});
       }
     }
     system_.A = a_.finish(comm_, states_ * elements_.size());
