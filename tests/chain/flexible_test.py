@@ -163,6 +163,16 @@ def test_neighbours(folder, verdict):
     )
 
 
+def test_many(folder, verdict):
+    """A hundred elements reach the wall in one step: a system with as many pivots that are zero."""
+    file, summary = run(write_scene(folder, "many", homsp(2.0, 1e-2), flexible(300, topology="ring")))
+    most = file["/solver/active"][:].max()
+    verdict.expect(
+        summary["max_residual"] <= 1e-10 and most >= 100,
+        f"ring of 300: up to {most} in contact, worst certificate {summary['max_residual']:.1e}",
+    )
+
+
 def main():
     verdict = Verdict()
     with program.temporary_folder() as name:
@@ -170,6 +180,7 @@ def main():
         for count in EXPECTED:
             test_order(folder, count, verdict)
         test_neighbours(folder, verdict)
+        test_many(folder, verdict)
     verdict.exit()
 
 
