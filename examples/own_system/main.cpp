@@ -41,9 +41,7 @@ void simulate(MPI_Comm comm) {
 
   // 1. The system x' = A x + B lambda + f, w = C x with x = (q, q', p, p'), row by row. All ranks give
   //    the same numbers; the library deals the rows out, in order.
-  const double k = 10.0;  // [1/s^2], per unit mass
-  const PetscInt states = 4;
-  const PetscInt constraints = 1;
+  const double k = 10.0;                                   // [1/s^2], per unit mass
   const std::vector<double> a = {0.0,      1.0, 0.0, 0.0,  //
                                  -k - 1.0, 0.0, k,   0.0,  //
                                  0.0,      0.0, 0.0, 1.0,  //
@@ -52,8 +50,8 @@ void simulate(MPI_Comm comm) {
   const std::vector<double> c = {1.0, 0.0, 0.0, 0.0};
   const std::vector<double> x0 = {0.5, 0.0, 0.5, 0.0};
   const Signal push = {.offset = -1.0, .amplitude = 0.5, .frequency = 0.25};  // [m/s^2], [Hz]
-  const LinearSystem system =
-      LinearSystem::dense(comm, states, constraints, a, b, c, x0, {}, {Signal{}, push, Signal{}, Signal{}});
+  const LinearSystem system = LinearSystem::dense(
+      comm, {.A = a, .B = b, .C = c, .x0 = x0, .f = {Signal{}, push, Signal{}, Signal{}}});
 
   // 2. How lambda reaches w. Throws if it never does, or if the steps would have no unique solution.
   const RelativeDegree relative_degree = analyse_relative_degree(system);
@@ -65,7 +63,7 @@ void simulate(MPI_Comm comm) {
   PetscInt per_second = 100;
   check(PetscOptionsGetInt(nullptr, nullptr, "-steps_per_second", &per_second, nullptr));
   const TimeGrid grid{.start = 0.0, .end = 5.0, .steps = 5 * per_second};
-  const Form form = choose_form(Scheme::homsp, relative_degree);
+  const Form form = choose_form(system, relative_degree, Scheme::homsp);
   const auto problem = make_linear_dvi(system, relative_degree, Scheme::homsp, form, grid);
   TimeMarch march(*problem, grid);
 

@@ -19,13 +19,19 @@ const char* name_of(Scheme scheme);
 
 /// Which of the two forms of the same box VI a linear system is solved in.
 enum class Form {
-  box_on_z,    ///< unknowns are the states; the outputs among them are bounded, their rows read the measures
+  box_on_z,    ///< unknowns are the outputs and other states; the outputs' rows read the measures
   primal_dual  ///< unknowns are the states and one multiplier per level
 };
 const char* name_of(Form form);
 
-/// The cheapest form that fits: box_on_z where all outputs are states of their own (no extra unknowns).
-Form choose_form(Scheme scheme, const RelativeDegree& relative_degree);
+/// The form to solve in: what -sweepvi_form asks for, else box_on_z where it fits (no extra unknowns).
+///
+/// box_on_z needs the scheme homsp, degrees >= 1, inputs that are not shared (M diagonal), and outputs from
+/// which the states follow by local substitution, constraint and states on one rank (`distribute` sees to
+/// that).
+/// @throws Error (bad_input) on every rank if the form asked for does not fit, with the reason.
+/// @note Collective on the system's communicator.
+Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme);
 
 /// Discretises `system` on `grid`. `system` and `relative_degree` must outlive the result.
 /// @note Collective on the system's communicator.

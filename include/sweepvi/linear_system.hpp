@@ -32,11 +32,33 @@ enum class StateLayout {
   state_by_state       ///< the first state of every element, then the second, ...
 };
 
+/// A row of the scene that says the opposite of an owned constraint a, as the second wall of a mass between
+/// two: C_b = -s C_a and B_b = -t B_a, s, t > 0. The two are solved as one, 0 <= w_a <= w0_a + w0_b / s =
+/// wmax_a, and w_b = s (wmax_a - w_a).
+struct OppositeRow {
+  PetscInt constraint;      ///< a, local
+  PetscInt number;          ///< b, scene number
+  double output_scale;      ///< s
+  double multiplier_scale;  ///< t
+};
+
+/// A small system given in full, row-major; `D`, `f`, `w0`, `wmax` may be empty.
+struct DenseSystem {
+  std::vector<double> A;          ///< n x n
+  std::vector<double> B;          ///< n x m
+  std::vector<double> C;          ///< m x n
+  std::vector<double> x0;         ///< n
+  std::vector<double> D = {};     ///< m x m
+  std::vector<Signal> f = {};     ///< n
+  std::vector<double> w0 = {};    ///< m
+  std::vector<double> wmax = {};  ///< m, > 0; infinite: none
+};
+
 /// A linear system with state constraints, distributed over the ranks of A's communicator:
 ///
-///     x' = A x + B lambda + f(t),   w = C x + D lambda + w0,   0 <= w  _|_  lambda >= 0 in the sense of its
-///     degree.
+///     x' = A x + B lambda + f(t),   w = C x + D lambda + w0,   0 <= w <= wmax,
 ///
+/// lambda >= 0 acts at w = 0, lambda <= 0 at w = wmax, in the sense of the constraint's relative degree.
 /// Rows of A and B are laid out like x, rows of C and D like w (and lambda). A rank may own nothing. The
 /// order of the rows is the solver's; `state_order` and `constraint_order` lead back to the scene's. Source:
 /// Acary & Brogliato (AB), eq. (18).
@@ -47,9 +69,11 @@ struct LinearSystem {
   Matrix D;  ///< m x m, or empty: zero
   Forcing f;
   Vector w0;                               ///< m
+  Vector wmax;                             ///< m, PETSC_INFINITY where there is none; empty: none at all
   Vector x0;                               ///< n, state at the start
   std::vector<PetscInt> state_order;       ///< scene number of each state this rank owns
   std::vector<PetscInt> constraint_order;  ///< scene number of each constraint this rank owns
+  std::vector<OppositeRow> opposite;       ///< rows merged into this rank's constraints
   std::vector<PetscInt> block;             ///< per owned state: the element it belongs to, kept on one rank
   PetscInt block_count = 0;                ///< elements in all
   std::vector<std::string> state_names;    ///< of one element's states, alike for all; may be empty
@@ -60,14 +84,13 @@ struct LinearSystem {
   PetscInt states() const;       ///< n
   PetscInt constraints() const;  ///< m
 
-  /// A small system given in full on every rank; rows are dealt out in order, the first ranks get more.
-  /// `a`, `b`, `c`, `d` are row-major n x n, n x m, m x n, m x m (d may be empty), `f` and `w0` may be empty.
+  PetscInt scene_constraints() const;  ///< m and the merged rows. @note Collective.
+
+  /// A system of n = size of x0 states, given in full on every rank; rows are dealt out in order, the first
+  /// ranks get more.
   /// @throws Error (bad_input) on every rank if sizes disagree or a number is not finite.
   /// @note Collective on `comm`; all ranks pass the same numbers.
-  static LinearSystem dense(MPI_Comm comm, PetscInt n, PetscInt m, const std::vector<double>& a,
-                            const std::vector<double>& b, const std::vector<double>& c,
-                            const std::vector<double>& x0, const std::vector<double>& d = {},
-                            const std::vector<Signal>& f = {}, const std::vector<double>& w0 = {});
+  static LinearSystem dense(MPI_Comm comm, const DenseSystem& given);
 };
 
 }  // namespace sweepvi

@@ -24,9 +24,14 @@ struct RelativeDegree {
   Matrix directions;                    ///< outputs x n, row (a, i) is d_{a,i}
   Matrix markov;                        ///< M, m x m: rows C_a A^{r_a - 1} B (D_a where r_a = 0)
   bool outputs_are_states =
-      false;                   ///< every output is one state of its own, up to scale, and so is its direction
-  double tolerance = 0.0;      ///< an entry of C_a A^{i-1} B counts above tolerance * (|C||A|^{i-1}|B|)
-  double smallest_kept = 0.0;  ///< smallest such ratio that counted: the margin above `tolerance`
+      false;  ///< every output is one state of its own, up to scale, and so is its direction
+  /// Global number of the state whose place each owned output can take, so that (outputs, other states) are
+  /// coordinates with a sparse inverse; empty on all ranks if there is no such choice, or if M is not
+  /// diagonal.
+  std::vector<PetscInt> pivot;
+  bool has_pivots = false;       ///< on all ranks
+  double tolerance = 0.0;        ///< an entry of C_a A^{i-1} B counts above tolerance * (|C||A|^{i-1}|B|)
+  double smallest_kept = 0.0;    ///< smallest such ratio that counted: the margin above `tolerance`
   double largest_dropped = 0.0;  ///< largest one that did not: rounding, far below `tolerance`
 };
 
@@ -45,7 +50,8 @@ struct MarkovReport {
   } solvability = Solvability::positive_definite;
 };
 
-/// @throws Error (bad_input) on every rank if lambda never reaches a constraint.
+/// @throws Error (bad_input) on every rank if lambda never reaches a constraint, or if D stands beside a
+/// degree above 1.
 /// @note Collective on the system's communicator.
 RelativeDegree analyse_relative_degree(const LinearSystem& system);
 

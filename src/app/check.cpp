@@ -56,7 +56,7 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   const LinearSystem& system = model.system;
   const RelativeDegree& degree = model.relative_degree;
   const TimeSpec& time = model.scene.time;
-  const Form form = choose_form(time.scheme, degree);
+  const Form form = choose_form(system, degree, time.scheme);
   const auto dvi = make_linear_dvi(system, degree, time.scheme, form, time.grid());
   const TimeMarch march(*dvi, time.grid());  // reads what options there are
   if (line.help_requested) return ExitCode::done;

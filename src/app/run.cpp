@@ -40,7 +40,7 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   check_distinct(comm,
                  {{"the scene", line.scene}, {"the output", path}, {"--summary", line.summary.value_or("")}});
 
-  const Form form = choose_form(time.scheme, model.relative_degree);
+  const Form form = choose_form(model.system, model.relative_degree, time.scheme);
   const auto dvi = make_linear_dvi(model.system, model.relative_degree, time.scheme, form, time.grid());
   TimeMarch march(*dvi, time.grid());
   if (line.help_requested) return ExitCode::done;  // the objects have printed their options

@@ -7,51 +7,58 @@
 
 namespace sweepvi {
 
-BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h)
-    : LevelDvi(system, h), relative_degree_(relative_degree), forcing_(system, relative_degree) {
-  levels_.allocate(relative_degree.degree, relative_degree.highest);
-  check(MatCreateVecs(system.A.get(), scale_.put(), nullptr));
-  for (Vector* vector : {&u_, &x_, &g_old_, &g_new_, &c_, &rhs_, &rhs_terms_, &work_, &terms_})
-    *vector = duplicate(scale_.get());
-  check(MatCreateVecs(relative_degree.Z.get(), nullptr, g_outputs_.put()));
+namespace {
 
-  // Where each output lives, and its scale. The partition keeps a constraint with its output states.
-  const LocalRange states = row_range(system.A.get());
-  check(VecSet(scale_.get(), 1.0));
-  agreed(comm(), [&] {
-    const WriteArray scale(scale_.get());
-    for_each_row(relative_degree.Z.get(), [&](PetscInt, auto columns, auto values) {
-      if (!states.contains(columns[0]))
-        throw Error(ExitCode::internal, "a constraint is not on the rank of its output states");
-      position_.push_back(columns[0] - states.first);
-      scale[position_.back()] = values[0];
-    });
-  });
-
-  // K = I - h S A S^{-1}, with every diagonal entry in the pattern.
-  check(VecCopy(scale_.get(), work_.get()));
-  check(VecReciprocal(work_.get()));
-  Matrix scaled;
-  check(MatDuplicate(system.A.get(), MAT_COPY_VALUES, scaled.put()));
-  check(MatDiagonalScale(scaled.get(), scale_.get(), work_.get()));
+// I - h rates, with every diagonal entry in the pattern.
+Matrix implicit_euler(Mat rates, double h) {
   RowBuilder rows;
-  for_each_row(scaled.get(), [&](PetscInt row, auto columns, auto values) {
+  for_each_row(rates, [&](PetscInt row, auto columns, auto values) {
     rows.add(row, 1.0);
     for (std::size_t k = 0; k < columns.size(); ++k)
-      rows.add(columns[k], -h_ * values[k]);
+      rows.add(columns[k], -h * values[k]);
     rows.end_row();
   });
-  K_ = rows.finish(comm(), states.size());
+  return rows.finish(PetscObjectComm(reinterpret_cast<PetscObject>(rates)), row_range(rates).size());
+}
+
+void absolute_values(Vec from, Vec to) {
+  check(VecCopy(from, to));
+  check(VecAbs(to));
+}
+
+}  // namespace
+
+BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h)
+    : LevelDvi(system, h),
+      relative_degree_(relative_degree),
+      forcing_(system, relative_degree),
+      coordinates_(system, relative_degree) {
+  levels_.allocate(relative_degree.degree, relative_degree.highest, system.wmax.get());
+  for (Vector* vector : {&u_, &x_, &g_old_, &g_, &c_, &rhs_, &rhs_terms_, &work_, &terms_})
+    *vector = duplicate(system.x0.get());
+  check(MatCreateVecs(relative_degree.Z.get(), nullptr, g_outputs_.put()));
+  for (Vector* vector : {&g_outputs_old_, &defect_})
+    *vector = duplicate(g_outputs_.get());
+
+  plain_K_ = implicit_euler(coordinates_.companion().get(), h);
+  jumps_ = coordinates_.jumps();
+  if (jumps_) {
+    inverse_jumps_ = coordinates_.inverse_jumps(jumps_.get());
+    abs_inverse_ = absolute_copy(inverse_jumps_.get());
+    K_ = multiply_clean(inverse_jumps_.get(), plain_K_.get());
+  } else {
+    K_ = Matrix::share(plain_K_.get());
+  }
   abs_K_ = absolute_copy(K_.get());
 
-  // u_0 = S x_0 + g(t_0)
-  place_forcing(t_start, g_new_.get());
-  check(VecPointwiseMult(u_.get(), scale_.get(), system.x0.get()));
-  check(VecAXPY(u_.get(), 1.0, g_new_.get()));
+  // u_0 = W x_0 + g(t_0)
+  place_forcing(t_start, g_.get());
+  coordinates_.to_u(system.x0.get(), u_.get());
+  check(VecAXPY(u_.get(), 1.0, g_.get()));
   check(VecCopy(system.x0.get(), x_.get()));
   const ReadArray u(u_.get());
-  for (std::size_t q = 0; q < position_.size(); ++q)
-    levels_.z[q] = u[position_[q]];
+  for (std::size_t q = 0; q < levels_.z.size(); ++q)
+    levels_.z[q] = u[coordinates_.position(q)];
   for (std::size_t a = 0; a < levels_.constraints(); ++a)
     levels_.w[a] = levels_.z[levels_.at(a, 1)];
 }
@@ -61,8 +68,8 @@ void BoxOnZ::place_forcing(double t, Vec g_x) {
   check(VecSet(g_x, 0.0));
   const ReadArray g(g_outputs_.get());
   const WriteArray values(g_x);
-  for (std::size_t q = 0; q < position_.size(); ++q)
-    values[position_[q]] = g[static_cast<PetscInt>(q)];
+  for (std::size_t q = 0; q < levels_.z.size(); ++q)
+    values[coordinates_.position(q)] = g[static_cast<PetscInt>(q)];
 }
 
 Matrix BoxOnZ::create_jacobian() const {
@@ -71,20 +78,45 @@ Matrix BoxOnZ::create_jacobian() const {
   return jacobian;
 }
 
+// c = (I - h W A W^{-1}) g_{k+1} - g_k + W phi, where phi is h f_{k+1}, completed so that c = 0 below level
+// r.
 void BoxOnZ::find_c(const Step& step) {
   if (step.number > 1 && !forcing_.varies()) return;  // c is constant
   place_forcing(step.t_old, g_old_.get());
-  place_forcing(step.t_new, g_new_.get());
-  check(MatMult(K_.get(), g_new_.get(), c_.get()));
-  check(VecAXPY(c_.get(), -1.0, g_old_.get()));
+  check(VecCopy(g_outputs_.get(), g_outputs_old_.get()));
+  place_forcing(step.t_new, g_.get());
   check(VecSet(work_.get(), 0.0));
   system_.f.add_to(work_.get(), step.t_new, 0, step.h);
-  check(VecPointwiseMult(work_.get(), work_.get(), scale_.get()));
-  check(VecAXPY(c_.get(), 1.0, work_.get()));
+  coordinates_.to_u(work_.get(), c_.get());
+  check(MatMultAdd(plain_K_.get(), g_.get(), c_.get(), c_.get()));
+  check(VecAXPY(c_.get(), -1.0, g_old_.get()));
+  if (jumps_ && forcing_.varies() && relative_degree_.highest > 2) add_completion(step);
   const WriteArray c(c_.get());
   for (std::size_t a = 0; a < levels_.constraints(); ++a)
     for (int i = 1; i < levels_.levels(a); ++i)
-      c[position_[levels_.at(a, i)]] = 0.0;
+      c[position(a, i)] = 0.0;
+}
+
+// What the completion along d_{a,i}, i < r, does to levels r of other constraints and to other states.
+void BoxOnZ::add_completion(const Step& step) {
+  forcing_.increment_defect(step, g_outputs_old_.get(), g_outputs_.get(), defect_.get());
+  const auto keep_lower_levels = [this](Vec values) {
+    const WriteArray entries(values);
+    for (PetscInt place = 0; place < entries.size(); ++place)
+      if (coordinates_.output_at(place) < 0) entries[place] = 0.0;
+    for (std::size_t a = 0; a < levels_.constraints(); ++a)
+      entries[position(a, levels_.levels(a))] = 0.0;
+  };
+  {
+    const ReadArray defect(defect_.get());
+    const WriteArray placed(work_.get());
+    std::fill_n(placed.data(), placed.size(), 0.0);
+    for (std::size_t q = 0; q < levels_.z.size(); ++q)
+      placed[coordinates_.position(q)] = defect[static_cast<PetscInt>(q)];
+  }
+  check(MatMult(inverse_jumps_.get(), work_.get(), rhs_.get()));
+  keep_lower_levels(rhs_.get());
+  check(MatMultAdd(jumps_.get(), rhs_.get(), c_.get(), c_.get()));
 }
 
 void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
@@ -93,18 +125,29 @@ void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   check(VecSet(upper, PETSC_INFINITY));
   {
     const WriteArray l(lower);
-    for (std::size_t a = 0; a < levels_.constraints(); ++a)
-      for (int i = 1; i <= levels_.level[a]; ++i)
-        l[position_[levels_.at(a, i)]] = 0.0;
+    const WriteArray b(upper);
+    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+      for (int i = 1; i <= levels_.level[a]; ++i) {
+        const Interval box = levels_.box(a, i);
+        l[position(a, i)] = box.lower;
+        b[position(a, i)] = box.upper;
+      }
+    }
   }
   find_c(step);
   check(VecWAXPY(rhs_.get(), 1.0, u_.get(), c_.get()));
-  const ReadArray u(u_.get());
-  const ReadArray c(c_.get());
   {
+    const ReadArray u(u_.get());
+    const ReadArray c(c_.get());
     const WriteArray terms(rhs_terms_.get());
     for (PetscInt i = 0; i < u.size(); ++i)
       terms[i] = std::abs(u[i]) + std::abs(c[i]);
+  }
+  if (jumps_) {
+    check(MatMult(inverse_jumps_.get(), rhs_.get(), work_.get()));
+    check(VecCopy(work_.get(), rhs_.get()));
+    check(MatMult(abs_inverse_.get(), rhs_terms_.get(), work_.get()));
+    check(VecCopy(work_.get(), rhs_terms_.get()));
   }
   check(VecCopy(u_.get(), guess));
 }
@@ -115,8 +158,7 @@ void BoxOnZ::residual(Vec u, Vec f) {
 }
 
 void BoxOnZ::row_terms(Vec u, Vec terms) {
-  check(VecCopy(u, work_.get()));
-  check(VecAbs(work_.get()));
+  absolute_values(u, work_.get());
   check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
 }
 
@@ -134,9 +176,11 @@ void BoxOnZ::settle(Vec u) {
     // own terms.
     double scale = 0.0;
     for (int i = levels_.levels(a); i >= 1; --i) {
-      const PetscInt at = position_[levels_.at(a, i)];
+      const PetscInt at = position(a, i);
       scale = i == levels_.levels(a) ? terms[at] : std::abs(old[at]) + std::abs(values[at]) + h_ * scale;
-      if (i <= levels_.level[a] && std::abs(values[at]) <= held_rtol * scale) values[at] = 0.0;
+      const Interval box = levels_.box(a, i);
+      for (const double bound : {box.upper, box.lower})
+        if (std::abs(values[at] - bound) <= held_rtol * scale) values[at] = bound;
     }
   }
 }
@@ -147,14 +191,16 @@ void BoxOnZ::accept(Vec u, Vec f) {
     const ReadArray terms(terms_.get());
     const ReadArray values(u);
     const ReadArray residual(f);
-    std::vector<double> z_new(position_.size());
+    std::vector<double> z_new(levels_.z.size());
     std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
     for (std::size_t a = 0; a < levels_.constraints(); ++a) {
       for (int i = 1; i <= levels_.levels(a); ++i) {
-        const std::size_t q = levels_.at(a, i);
-        const PetscInt at = position_[q];
-        z_new[q] = values[at];
-        const bool holds = i <= levels_.level[a] && values[at] <= 0.0 && residual[at] > held_rtol * terms[at];
+        const PetscInt at = position(a, i);
+        const double z = values[at];
+        z_new[levels_.at(a, i)] = z;
+        const Interval box = levels_.box(a, i);
+        const bool holds = (z <= box.lower && residual[at] > held_rtol * terms[at]) ||
+                           (z >= box.upper && residual[at] < -held_rtol * terms[at]);
         if (!holds) continue;
         const double per_measure = i == levels_.levels(a) ? relative_degree_.markov_diagonal[a] : 1.0;
         levels_.measure(a, i) = residual[at] / per_measure;
@@ -164,13 +210,8 @@ void BoxOnZ::accept(Vec u, Vec f) {
     levels_.advance(z_new);
   }
   check(VecCopy(u, u_.get()));
-  recover_x(u);
-}
-
-// x = S^{-1} (u - g)
-void BoxOnZ::recover_x(Vec u) {
-  check(VecWAXPY(x_.get(), -1.0, g_new_.get(), u));
-  check(VecPointwiseDivide(x_.get(), x_.get(), scale_.get()));
+  check(VecWAXPY(work_.get(), -1.0, g_.get(), u));
+  coordinates_.to_x(work_.get(), x_.get());
 }
 
 }  // namespace sweepvi

@@ -3,21 +3,22 @@
 #include <vector>
 
 #include "dvi/level_dvi.hpp"
+#include "dvi/output_coordinates.hpp"
 #include "dvi/output_forcing.hpp"
 #include "sweepvi/linear_dvi.hpp"
 
 namespace sweepvi {
 
-/// HOMSP where every output is a state of its own (up to a scale s): unknowns u = S x + g(t) with u_{a,i} =
-/// z_{a,i} on output states and u = x elsewhere,
+/// HOMSP in coordinates u = W x + g(t), where the outputs z_{a,i} are unknowns (OutputCoordinates):
 ///
-///     F(u) = (I - h S A S^{-1}) u - u_k - c,   c = (I - h S A S^{-1}) g_{k+1} - g_k + h S f_{k+1},
+///     F(u) = J^{-1} [ (I - h W A W^{-1}) u - u_k - c ],
 ///
-/// with c = 0 on the rows of levels i < r, where AB (32) holds exactly. F on a bounded row is the measure
-/// mu_{a,i} (on level r: M_aa mu_{a,r}), so 0 <= z_{a,i} _|_ mu_{a,i} >= 0 for i <= r* is the box VI itself.
-/// Source: AB (34)-(45).
+/// J the jumps that measures cause, c the forcing, 0 on the rows of levels i < r, where AB (32) holds
+/// exactly. F on a bounded row is the measure mu_{a,i} (on level r: M_aa mu_{a,r}), so 0 <= z_{a,i} _|_
+/// mu_{a,i} >= 0 for i <= r* is the box VI itself. Source: AB (34)-(45).
 class BoxOnZ final : public LevelDvi {
 public:
+  /// @pre  relative_degree.has_pivots, each pivot on the rank of its constraint
   BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h);
 
   Matrix create_jacobian() const override;
@@ -32,15 +33,17 @@ public:
 private:
   void place_forcing(double t, Vec g_x);
   void find_c(const Step& step);
-  void recover_x(Vec u);
+  void add_completion(const Step& step);
+  PetscInt position(std::size_t a, int i) const { return coordinates_.position(levels_.at(a, i)); }
 
   const RelativeDegree& relative_degree_;
   OutputForcing forcing_;
-  std::vector<PetscInt> position_;    // local state of each local output
-  Vector scale_;                      // S
-  Matrix K_, abs_K_;                  // I - h S A S^{-1} and its absolute values
-  Vector g_outputs_, g_old_, g_new_;  // layouts: outputs, x, x
-  Vector c_, rhs_, rhs_terms_, work_, terms_;
+  OutputCoordinates coordinates_;
+  Matrix plain_K_;                                         // I - h W A W^{-1}
+  Matrix jumps_, inverse_jumps_, abs_inverse_;             // J, J^{-1}, its absolute values; empty: identity
+  Matrix K_, abs_K_;                                       // J^{-1} plain_K_ and its absolute values
+  Vector g_outputs_old_, g_outputs_, defect_;              // layout of the outputs
+  Vector g_old_, g_, c_, rhs_, rhs_terms_, work_, terms_;  // layout of x
 };
 
 }  // namespace sweepvi

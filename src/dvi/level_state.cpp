@@ -4,7 +4,7 @@
 
 namespace sweepvi {
 
-void LevelState::allocate(const std::vector<int>& levels_of_constraint, int columns_of_mu) {
+void LevelState::allocate(const std::vector<int>& levels_of_constraint, int columns_of_mu, Vec wmax) {
   const std::size_t count = levels_of_constraint.size();
   first.assign(1, 0);
   for (const int levels : levels_of_constraint)
@@ -15,29 +15,47 @@ void LevelState::allocate(const std::vector<int>& levels_of_constraint, int colu
   mu.assign(count * static_cast<std::size_t>(mu_levels), 0.0);
   mu_shift.assign(count, 0);
   w.assign(count, 0.0);
+  side.assign(count, Side::none);
+  upper.assign(count, PETSC_INFINITY);
+  if (wmax == nullptr) return;
+  const ReadArray walls(wmax);
+  std::copy_n(walls.data(), count, upper.begin());
 }
 
 void LevelState::apply_level_rule() {
   for (std::size_t a = 0; a < constraints(); ++a) {
+    side[a] = side_of(a, z[at(a, 1)]);
     int r_star = 1;
-    while (r_star < levels(a) && z[at(a, r_star)] <= 0.0)
-      ++r_star;
+    if (side[a] != Side::none) {
+      while (r_star < levels(a) && (r_star == 1 || sign(side[a]) * z[at(a, r_star)] <= 0.0))
+        ++r_star;
+    }
     level[a] = r_star;
   }
+}
+
+Interval LevelState::box(std::size_t a, int i) const {
+  if (i == 1) return {0.0, upper[a]};
+  if (i > level[a]) return {};
+  return side[a] == Side::upper ? Interval{PETSC_NINFINITY, 0.0} : Interval{0.0, PETSC_INFINITY};
 }
 
 void LevelState::advance(const std::vector<double>& z_new) {
   events.clear();
   for (std::size_t a = 0; a < constraints(); ++a) {
-    const bool was_closed = z[at(a, 1)] <= 0.0;
-    const bool is_closed = z_new[at(a, 1)] <= 0.0;
-    for (int i = 1; i <= level[a]; ++i) {
+    const auto number = static_cast<PetscInt>(a);
+    const Side old_side = side[a];
+    const Side new_side = side_of(a, z_new[at(a, 1)]);
+    const double z1 = z[at(a, 1)];
+    const bool violated = z1 < 0.0 || z1 > upper[a];  // such data are projected
+    if (violated || (new_side != Side::none && new_side != old_side))
+      events.push_back({number, 1, true, measure(a, 1)});
+    for (int i = 2; i <= level[a]; ++i) {
       const double impulse = measure(a, i);
-      const bool jumped = i == 1 ? !was_closed && is_closed : z[at(a, i)] < 0.0 && impulse > 0.0;
-      const bool pushed_in = i == 1 && z[at(a, 1)] < 0.0;  // data that violate the constraint are projected
-      if (jumped || pushed_in) events.push_back({static_cast<PetscInt>(a), i, true, impulse});
+      if (sign(old_side) * z[at(a, i)] < 0.0 && sign(old_side) * impulse > 0.0)
+        events.push_back({number, i, true, impulse});
     }
-    if (was_closed && !is_closed) events.push_back({static_cast<PetscInt>(a), level[a], false, 0.0});
+    if (old_side != Side::none && new_side != old_side) events.push_back({number, level[a], false, 0.0});
   }
   z = z_new;
 }
@@ -45,7 +63,7 @@ void LevelState::advance(const std::vector<double>& z_new) {
 double LevelState::penetration(MPI_Comm comm) const {
   double worst = 0.0;
   for (std::size_t a = 0; a < constraints(); ++a)
-    worst = std::max(worst, -w[a]);
+    worst = std::max({worst, -w[a], w[a] - upper[a]});
   MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_DOUBLE, MPI_MAX, comm);
   return worst;
 }
@@ -53,7 +71,7 @@ double LevelState::penetration(MPI_Comm comm) const {
 PetscInt LevelState::active() const {
   PetscInt count = 0;
   for (std::size_t a = 0; a < constraints(); ++a)
-    count += z[at(a, 1)] <= 0.0 ? 1 : 0;
+    count += side_of(a, z[at(a, 1)]) != Side::none ? 1 : 0;
   return count;
 }
 

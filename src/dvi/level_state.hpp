@@ -11,10 +11,24 @@ namespace sweepvi {
 /// on the bound does not show in the certificate.
 inline constexpr double held_rtol = 1e-12;
 
+/// Which wall of 0 <= w <= wmax a constraint stands at.
+enum class Side : signed char { upper = -1, none = 0, lower = 1 };
+inline double sign(Side side) {
+  return static_cast<double>(side);
+}
+
+/// What one output may be.
+struct Interval {
+  double lower = PETSC_NINFINITY, upper = PETSC_INFINITY;
+};
+
 /// Outputs, levels and measures of the constraints a rank owns, carried from step to step. Held outputs are
-/// exactly zero here, so that the level rule never sees a residue.
+/// exactly on their bound here, so that the level rule never sees a residue. At an upper wall everything is
+/// mirrored: outputs of level 2 and above stay <= 0, measures are negative.
 struct LevelState {
   std::vector<PetscInt> first;  ///< local index of level 1 of each constraint; one more at the end
+  std::vector<double> upper;    ///< wmax of each constraint, PETSC_INFINITY where there is none
+  std::vector<Side> side;       ///< wall at which the step starts
   std::vector<double> z;        ///< outputs at the time reached
   std::vector<int> level;       ///< r* of the step
   std::vector<double> mu;       ///< [constraint][mu_levels], measures of the step
@@ -24,7 +38,8 @@ struct LevelState {
   std::vector<StepEvent> events;  ///< of the step
   std::vector<double> w;          ///< constraint values
 
-  void allocate(const std::vector<int>& levels_of_constraint, int columns_of_mu);
+  /// @param wmax  may be null: no upper walls
+  void allocate(const std::vector<int>& levels_of_constraint, int columns_of_mu, Vec wmax);
   double& measure(std::size_t a, int i) {
     return mu[a * static_cast<std::size_t>(mu_levels) + static_cast<std::size_t>(mu_shift[a] + i - 1)];
   }
@@ -34,8 +49,18 @@ struct LevelState {
     return static_cast<std::size_t>(first[a]) + static_cast<std::size_t>(i - 1);
   }
 
-  /// AB section 3.2: r* = 1 if z_1 > 0, else 1 + the largest j <= r-1 with z_i <= 0 for all i <= j.
+  /// The wall at which an output of level 1 stands, or which it has passed.
+  Side side_of(std::size_t a, double z1) const {
+    if (z1 <= 0.0) return Side::lower;
+    return z1 >= upper[a] ? Side::upper : Side::none;
+  }
+
+  /// AB (40): r* = 1 if z_1 > 0, else 1 + the largest j <= r-1 with z_i <= 0 for all i <= j; mirrored at the
+  /// upper wall.
   void apply_level_rule();
+
+  /// The box rule: 0 <= z_1 <= wmax, z_i >= 0 (upper wall: <= 0) for 2 <= i <= r*, the others free.
+  Interval box(std::size_t a, int i) const;
 
   /// Takes the outputs and measures of a finished step and derives its events: an impact on level i where the
   /// measure stops an output that was heading out (or a gap that closes), a lift-off where contact ends.

@@ -1,9 +1,11 @@
 #include "sweepvi/linear_dvi.hpp"
 
-#include <algorithm>
+#include <array>
+#include <string>
 
 #include "dvi/box_on_z.hpp"
 #include "dvi/primal_dual.hpp"
+#include "petsc/sparse.hpp"
 
 namespace sweepvi {
 
@@ -23,8 +25,50 @@ const char* name_of(Form form) {
   return form == Form::box_on_z ? "box on z" : "primal-dual";
 }
 
-Form choose_form(Scheme scheme, const RelativeDegree& relative_degree) {
-  return scheme == Scheme::homsp && relative_degree.outputs_are_states ? Form::box_on_z : Form::primal_dual;
+namespace {
+
+/// Why the box on z does not fit; empty if it does.
+std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& relative_degree,
+                             Scheme scheme) {
+  if (scheme != Scheme::homsp) return std::string("the scheme is ") + name_of(scheme) + ", not homsp";
+  if (relative_degree.lowest < 1) return "some constraint has relative degree 0";
+  if (!relative_degree.has_pivots)
+    return "the Markov matrix is not diagonal, or states do not follow from the outputs by local "
+           "substitution";
+  const LocalRange states = row_range(system.A.get());
+  int away = 0;
+  for (const PetscInt pivot : relative_degree.pivot)
+    if (!states.contains(pivot)) away = 1;
+  MPI_Allreduce(MPI_IN_PLACE, &away, 1, MPI_INT, MPI_LOR, system.comm());
+  return away != 0 ? "a constraint and the states it reads are on different ranks" : "";
+}
+
+std::string asked_form(MPI_Comm comm) {
+  std::array<char, 64> form{"auto"};
+  const auto read = [&]() -> PetscErrorCode {
+    PetscFunctionBeginUser;
+    PetscOptionsBegin(comm, nullptr, "sweepvi: form of the box VI", "sweepvi");
+    PetscCall(PetscOptionsString("-sweepvi_form", "Unknowns of a step: auto | box-on-z | primal-dual", "Form",
+                                 form.data(), form.data(), form.size(), nullptr));
+    PetscOptionsEnd();
+    PetscFunctionReturn(static_cast<PetscErrorCode>(0));  // an enumeration in newer PETSc
+  };
+  check_options(read());
+  return form.data();
+}
+
+}  // namespace
+
+Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme) {
+  const std::string asked = asked_form(system.comm());
+  const std::string obstacle = against_box_on_z(system, relative_degree, scheme);
+  if (asked == "primal-dual") return Form::primal_dual;
+  if (asked == "auto") return obstacle.empty() ? Form::box_on_z : Form::primal_dual;
+  if (asked != "box-on-z")
+    throw InputError("-sweepvi_form is '" + asked + "'; expected auto, box-on-z or primal-dual");
+  if (!obstacle.empty())
+    throw InputError("-sweepvi_form box-on-z does not fit: " + obstacle + "; use primal-dual");
+  return Form::box_on_z;
 }
 
 std::unique_ptr<ConstrainedDvi> make_linear_dvi(const LinearSystem& system,

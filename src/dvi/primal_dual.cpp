@@ -24,7 +24,10 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
       forcing_(system, relative_degree) {
   const std::size_t count = relative_degree.degree.size();
   levels_.allocate(with_levels_ ? relative_degree.degree : std::vector<int>(count, 1),
-                   with_levels_ ? relative_degree.highest : std::max(1, relative_degree.highest));
+                   with_levels_ ? relative_degree.highest : std::max(1, relative_degree.highest),
+                   system.wmax.get());
+  for (std::size_t a = 0; a < count; ++a)
+    if (levels_.upper[a] < PETSC_INFINITY) upper_walls_.push_back(a);
   measure_per_nu_.assign(levels_.z.size(), 1.0);
   for (std::size_t a = 0; a < count; ++a) {
     double& last = measure_per_nu_[levels_.at(a, levels_.levels(a))];
@@ -38,6 +41,7 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   }
   pinned_.assign(levels_.z.size(), 0);
   output_scale_.assign(levels_.z.size(), 0.0);
+  at_upper_.assign(upper_walls_.size(), 0);
   held_.assign(levels_.z.size(), 0);
   settled_z_.assign(levels_.z.size(), 0.0);
 
@@ -74,11 +78,28 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
     levels_.w[a] = levels_.z[levels_.at(a, 1)];
 }
 
-PrimalDual::Blocks PrimalDual::make_blocks() {
+// The rows of a matrix laid out like the lower multipliers, then those of level 1 again with a minus sign,
+// one for each upper wall.
+Matrix PrimalDual::mirrored(Mat lower) const {
+  if (!system_.wmax) return Matrix::share(lower);
+  const LocalRange range = row_range(lower);
+  RowBuilder rows;
+  for (PetscInt q = range.first; q < range.last; ++q) {
+    rows.add(get_row(lower, q));
+    rows.end_row();
+  }
+  for (const std::size_t a : upper_walls_) {
+    rows.add(get_row(lower, range.first + static_cast<PetscInt>(levels_.at(a, 1))), -1.0);
+    rows.end_row();
+  }
+  return rows.finish(comm(), column_range(lower).size());
+}
+
+PrimalDual::Blocks PrimalDual::make_blocks() const {
   Blocks blocks;
   if (with_levels_) {
-    blocks.E = transpose(relative_degree_.directions.get());
-    blocks.G = Matrix::share(relative_degree_.Z.get());
+    blocks.E = transpose(mirrored(relative_degree_.directions.get()).get());
+    blocks.G = mirrored(relative_degree_.Z.get());
     return blocks;
   }
   // E = B diag(e), H = D diag(e / h): the multiplier of the scheme in a scale of its own.
@@ -89,13 +110,16 @@ PrimalDual::Blocks PrimalDual::make_blocks() {
     for (std::size_t a = 0; a < measure_per_nu_.size(); ++a)
       values[static_cast<PetscInt>(a)] = measure_per_nu_[a];
   }
-  check(MatDuplicate(system_.B.get(), MAT_COPY_VALUES, blocks.E.put()));
-  check(MatDiagonalScale(blocks.E.get(), nullptr, e.get()));
-  blocks.G = Matrix::share(system_.C.get());
+  const Matrix pushed = transpose(system_.B.get());
+  check(MatDiagonalScale(pushed.get(), e.get(), nullptr));
+  blocks.E = transpose(mirrored(pushed.get()).get());
+  blocks.G = mirrored(system_.C.get());
   if (system_.D) {
-    check(MatDuplicate(system_.D.get(), MAT_COPY_VALUES, blocks.H.put()));
+    Matrix H = transpose(system_.D.get());
     check(VecScale(e.get(), 1.0 / h_));
-    check(MatDiagonalScale(blocks.H.get(), nullptr, e.get()));
+    check(MatDiagonalScale(H.get(), e.get(), nullptr));
+    H = transpose(mirrored(H.get()).get());  // columns
+    blocks.H = mirrored(H.get());
   }
   return blocks;
 }
@@ -105,9 +129,9 @@ namespace {
 // Unknown number of entry j of a block: each rank's unknowns are its states, then its multipliers.
 class Numbering {
 public:
-  Numbering(Mat like_x, Mat like_nu) {
+  Numbering(Mat like_x, Vec like_nu) {
     check(MatGetOwnershipRanges(like_x, &x_));
-    check(MatGetOwnershipRanges(like_nu, &nu_));
+    check(VecGetOwnershipRanges(like_nu, &nu_));
     int size = 0;
     MPI_Comm_size(PetscObjectComm(reinterpret_cast<PetscObject>(like_x)), &size);
     ranks_ = static_cast<std::size_t>(size);
@@ -127,7 +151,7 @@ private:
 }  // namespace
 
 void PrimalDual::assemble(const Blocks& blocks) {
-  const Numbering number(system_.A.get(), blocks.G.get());
+  const Numbering number(system_.A.get(), g_.get());
   const LocalRange states = row_range(system_.A.get());
   const LocalRange multipliers = row_range(blocks.G.get());
   first_row_ = states.first + multipliers.first;
@@ -210,12 +234,15 @@ Matrix PrimalDual::create_jacobian() const {
   return jacobian;
 }
 
-// What the forcing adds to F_nu.
+// What forcing, offsets and upper walls add to F_nu.
 void PrimalDual::evaluate_g(double t, Vec g) {
-  if (with_levels_) {
-    forcing_.evaluate(t, g);
-  } else {
-    check(VecCopy(system_.w0.get(), g));
+  if (with_levels_) forcing_.evaluate(t, output_g_new_.get());
+  const ReadArray lower(with_levels_ ? output_g_new_.get() : system_.w0.get());
+  const WriteArray values(g);
+  std::copy_n(lower.data(), lower.size(), values.data());
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
+    const std::size_t a = upper_walls_[k];
+    values[upper_at(k)] = levels_.upper[a] - lower[static_cast<PetscInt>(levels_.at(a, 1))];
   }
 }
 
@@ -238,15 +265,20 @@ void PrimalDual::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   check(VecSet(upper, PETSC_INFINITY));
   {
     const WriteArray l(lower);
+    const WriteArray b(upper);
     for (std::size_t a = 0; a < levels_.constraints(); ++a) {
       for (int i = 1; i <= levels_.levels(a); ++i) {
         const std::size_t q = levels_.at(a, i);
         const char pin = i > levels_.level[a] ? 1 : 0;
         if (pin != pinned_[q]) ++pinned_version_;
         pinned_[q] = pin;
-        if (!pinned(q)) l[local_x_ + static_cast<PetscInt>(q)] = 0.0;
+        if (pinned(q)) continue;
+        const PetscInt row = local_x_ + static_cast<PetscInt>(q);
+        (orientation(a, i) < 0.0 ? b : l)[row] = 0.0;
       }
     }
+    for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+      l[local_x_ + upper_at(k)] = 0.0;
   }
   find_increment(step);
   check(VecCopy(u_.get(), guess));
@@ -264,7 +296,8 @@ void PrimalDual::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   for (PetscInt q = 0; q < g.size(); ++q) {
     rhs[local_x_ + q] = -g[q];
     terms[local_x_ + q] = std::abs(g[q]);
-    if (pinned(static_cast<std::size_t>(q))) start[local_x_ + q] = 0.0;
+    if (q < static_cast<PetscInt>(pinned_.size()) && pinned(static_cast<std::size_t>(q)))
+      start[local_x_ + q] = 0.0;
   }
 }
 
@@ -348,7 +381,7 @@ void PrimalDual::find_unit_outputs() {
   unit_remote_.assign(levels_.z.size(), -1);
   unit_scale_.assign(levels_.z.size(), 0.0);
   if (!with_levels_) return;
-  const Numbering number(system_.A.get(), relative_degree_.Z.get());
+  const Numbering number(system_.A.get(), g_.get());
   const LocalRange states = row_range(system_.A.get());
   std::size_t q = 0;
   int remote = 0;
@@ -373,22 +406,48 @@ void PrimalDual::find_unit_outputs() {
   any_mixed_ = flags[1] != 0;
 }
 
+// Which outputs stand at a bound of the step, up to rounding; their values, exact where held.
+void PrimalDual::find_held(Vec u) {
+  find_output_scale(u);
+  evaluate(u, work_.get());
+  const ReadArray output(work_.get());
+  for (std::size_t q = 0; q < settled_z_.size(); ++q) {
+    const double z = output[local_x_ + static_cast<PetscInt>(q)];
+    held_[q] = !pinned(q) && std::abs(z) <= held_rtol * output_scale_[q] ? 1 : 0;
+    settled_z_[q] = held_[q] != 0 ? 0.0 : z;
+  }
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
+    const std::size_t a = upper_walls_[k];
+    const std::size_t q = levels_.at(a, 1);
+    const double gap = output[local_x_ + upper_at(k)];
+    at_upper_[k] = std::abs(gap) <= held_rtol * (output_scale_[q] + levels_.upper[a]) ? 1 : 0;
+    if (at_upper_[k] == 0) continue;
+    held_[q] = 1;
+    settled_z_[q] = levels_.upper[a];
+  }
+}
+
 // In persistent contact outputs and the measures below level r are zero in exact arithmetic; what the solver
 // leaves of them is residue. It must not be handed on: a later step, whose terms may be far smaller, would
 // take it for an output that is honestly open, and rows made of residue alone could never be certified. So
 // held outputs are put on their bound in x too, and their measures below level r follow from AB (32).
 void PrimalDual::settle(Vec u) {
-  find_output_scale(u);
-  evaluate(u, work_.get());
+  find_held(u);
   {
-    const ReadArray output(work_.get());
     const WriteArray values(u);
-    for (std::size_t q = 0; q < settled_z_.size(); ++q) {
-      const PetscInt row = local_x_ + static_cast<PetscInt>(q);
-      held_[q] = !pinned(q) && std::abs(output[row]) <= held_rtol * output_scale_[q] ? 1 : 0;
-      settled_z_[q] = held_[q] != 0 ? 0.0 : output[row];
-      const bool open = settled_z_[q] > 0.0 && settled_z_[q] > values[row];
-      if (pinned(q) || open || values[row] < 0.0) values[row] = 0.0;
+    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+      for (int i = 1; i <= levels_.levels(a); ++i) {
+        const std::size_t q = levels_.at(a, i);
+        double& nu = values[local_x_ + static_cast<PetscInt>(q)];
+        const double away = orientation(a, i) * settled_z_[q];
+        const double push = orientation(a, i) * nu;
+        if (pinned(q) || (away > 0.0 && away > push) || push < 0.0) nu = 0.0;
+      }
+    }
+    for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
+      double& nu = values[local_x_ + upper_at(k)];
+      const double gap = levels_.upper[upper_walls_[k]] - settled_z_[levels_.at(upper_walls_[k], 1)];
+      if ((gap > 0.0 && gap > nu) || nu < 0.0) nu = 0.0;
     }
   }
   if (!with_levels_) return;
@@ -397,7 +456,7 @@ void PrimalDual::settle(Vec u) {
   recover_lower_measures(u);
 }
 
-// x -= sum d_{a,i} z_{a,i} over the held outputs; twice, for what one of them leaves in another.
+// x -= sum d_{a,i} (z_{a,i} - bound) over the held outputs; twice, for what one of them leaves in another.
 void PrimalDual::project_held(Vec u) {
   for (int pass = 0; pass < 2; ++pass) {
     evaluate(u, work_.get());
@@ -408,6 +467,9 @@ void PrimalDual::project_held(Vec u) {
         const auto local = static_cast<PetscInt>(q);
         residue[local] = held_[q] != 0 ? output[local_x_ + local] : 0.0;
       }
+      for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+        if (at_upper_[k] != 0)
+          residue[static_cast<PetscInt>(levels_.at(upper_walls_[k], 1))] = -output[local_x_ + upper_at(k)];
     }
     check(MatMultTranspose(relative_degree_.directions.get(), defect_.get(), shift_.get()));
     const ReadArray shift(shift_.get());
@@ -425,7 +487,7 @@ void PrimalDual::put_unit_outputs(Vec u) {
     const WriteArray values(u);
     for (std::size_t q = 0; q < held_.size(); ++q) {
       if (held_[q] == 0 || unit_scale_[q] == 0.0) continue;
-      const double on_bound = -g[static_cast<PetscInt>(q)] / unit_scale_[q];
+      const double on_bound = (settled_z_[q] - g[static_cast<PetscInt>(q)]) / unit_scale_[q];
       if (unit_state_[q] >= 0) values[unit_state_[q]] = on_bound;
       if (unit_remote_[q] >= 0) remote.emplace_back(unit_remote_[q], on_bound);
     }
@@ -437,57 +499,63 @@ void PrimalDual::put_unit_outputs(Vec u) {
   check(VecAssemblyEnd(u));
 }
 
+// The multipliers of all outputs, those of upper walls subtracted.
+void PrimalDual::find_net_multipliers(Vec u, std::vector<double>& net) const {
+  const ReadArray values(u);
+  net.assign(values.data() + local_x_, values.data() + local_x_ + levels_.z.size());
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+    net[levels_.at(upper_walls_[k], 1)] -= values[local_x_ + upper_at(k)];
+}
+
 // mu_i = z_{i,k+1} - z_{i,k} - h z_{i+1,k+1} - (what other constraints' measures do to z_i), i < r, where z_i
 // is held.
 void PrimalDual::recover_lower_measures(Vec u) {
   check(VecSet(defect_.get(), 0.0));
   if (cross_) {
+    find_net_multipliers(u, net_);
     {
-      const ReadArray values(u);
       const WriteArray measures(output_g_old_.get());
-      for (std::size_t q = 0; q < output_scale_.size(); ++q) {
-        const double nu = values[local_x_ + static_cast<PetscInt>(q)];
-        measures[static_cast<PetscInt>(q)] = nu > held_rtol * output_scale_[q] ? nu : 0.0;
-      }
+      for (std::size_t q = 0; q < net_.size(); ++q)
+        measures[static_cast<PetscInt>(q)] = std::abs(net_[q]) > held_rtol * output_scale_[q] ? net_[q] : 0.0;
     }
     check(MatMult(cross_.get(), output_g_old_.get(), defect_.get()));
   }
   const ReadArray cross(defect_.get());
   const WriteArray values(u);
   const std::vector<double>& z = settled_z_;
+  const auto jump = [&](std::size_t q) {
+    return z[q] - levels_.z[q] - h_ * z[q + 1] - cross[static_cast<PetscInt>(q)];
+  };
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
     for (int i = 1; i < levels_.levels(a) && i <= levels_.level[a]; ++i) {
       const std::size_t q = levels_.at(a, i);
-      if (z[q] > 0.0) continue;
-      const double nu = z[q] - levels_.z[q] - h_ * z[q + 1] - cross[static_cast<PetscInt>(q)];
-      values[local_x_ + static_cast<PetscInt>(q)] = std::max(0.0, nu);
+      if (held_[q] == 0 || (i == 1 && z[q] > 0.0)) continue;
+      const double direction = orientation(a, i);
+      values[local_x_ + static_cast<PetscInt>(q)] = direction * std::max(0.0, direction * jump(q));
     }
   }
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+    if (at_upper_[k] != 0 && levels_.levels(upper_walls_[k]) > 1)
+      values[local_x_ + upper_at(k)] = std::max(0.0, -jump(levels_.at(upper_walls_[k], 1)));
 }
 
 void PrimalDual::accept(Vec u, Vec) {
-  find_output_scale(u);
-  evaluate(u, work_.get());
-  const ReadArray output(work_.get());
+  find_held(u);
+  find_net_multipliers(u, net_);
   {
     const ReadArray values(u);
     const WriteArray x(x_.get());
-    for (PetscInt i = 0; i < local_x_; ++i)
-      x[i] = values[i];
-    std::vector<double> z_new(levels_.z.size());
-    std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
-    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
-      for (int i = 1; i <= levels_.levels(a); ++i) {
-        const std::size_t q = levels_.at(a, i);
-        const PetscInt row = local_x_ + static_cast<PetscInt>(q);
-        const bool held = !pinned(q) && std::abs(output[row]) <= held_rtol * output_scale_[q];
-        z_new[q] = held ? 0.0 : output[row];
-        levels_.measure(a, i) = measure_per_nu_[q] * values[row];
-      }
-      levels_.w[a] = z_new[levels_.at(a, 1)];
-    }
-    levels_.advance(z_new);
+    std::copy_n(values.data(), local_x_, x.data());
   }
+  std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    for (int i = 1; i <= levels_.levels(a); ++i) {
+      const std::size_t q = levels_.at(a, i);
+      levels_.measure(a, i) = measure_per_nu_[q] * net_[q];
+    }
+    levels_.w[a] = settled_z_[levels_.at(a, 1)];
+  }
+  levels_.advance(settled_z_);
   check(VecCopy(u, u_.get()));
 }
 

@@ -20,7 +20,10 @@ namespace sweepvi {
 /// | naive Euler, AB (47)        | C     | B h                 | D            | mu = h lambda = h nu |
 /// | ZD-Euler, AB (63)           | C     | B h^{1-r}           | 0            | mu = h lambda        |
 ///
-/// A level above r* has the row nu = 0 instead, so the pattern never changes. phi is h f_{k+1}, for HOMSP and
+/// A level above r* has the row nu = 0 instead, so the pattern never changes. A constraint with an upper wall
+/// has one multiplier more, for wmax - z_1 >= 0 along -d_{a,1}; at that wall the multipliers of levels 2 ...
+/// r* are
+/// <= 0, as z_i is. phi is h f_{k+1}, for HOMSP and
 /// ZD-Euler completed along d_{a,i}, i < r, so that AB (32) holds exactly for forcing that varies.
 class PrimalDual final : public LevelDvi {
 public:
@@ -40,13 +43,16 @@ public:
 
 private:
   struct Blocks;  // E, G, H before they are assembled
-  Blocks make_blocks();
+  Blocks make_blocks() const;
+  Matrix mirrored(Mat lower) const;
   void assemble(const Blocks& blocks);
   void find_cross_coupling();
   void find_unit_outputs();
+  void find_held(Vec u);
   void project_held(Vec u);
   void put_unit_outputs(Vec u);
   void recover_lower_measures(Vec u);
+  void find_net_multipliers(Vec u, std::vector<double>& net) const;
   void prepare_completion();
   void find_increment(const Step& step);
   void evaluate(Vec u, Vec f);
@@ -54,13 +60,20 @@ private:
   void clear_multipliers(Vec u) const;
   void evaluate_g(double t, Vec g);
   bool pinned(std::size_t q) const { return pinned_[q] != 0; }
+  /// Local multiplier of the k-th upper wall.
+  PetscInt upper_at(std::size_t k) const { return static_cast<PetscInt>(levels_.z.size() + k); }
+  /// Sign of z_{a,i} away from its bound, and of its multiplier; level 1 has a multiplier for each wall.
+  double orientation(std::size_t a, int i) const {
+    return i > 1 && levels_.side[a] == Side::upper ? -1.0 : 1.0;
+  }
 
   const RelativeDegree& relative_degree_;
   bool with_levels_;  // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
   bool has_outputs_;  // HOMSP without D: the rows of G are the outputs
   bool completes_;    // phi needs completing
   OutputForcing forcing_;
-  std::vector<double> measure_per_nu_;  // local multipliers
+  std::vector<std::size_t> upper_walls_;  // local constraints that have one
+  std::vector<double> measure_per_nu_;    // local outputs
   std::vector<double> no_outputs_;
   PetscInt local_x_ = 0;
   Matrix K_, abs_K_;
@@ -69,16 +82,18 @@ private:
   LinearSolver completion_solver_;
   Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
   Vector rhs_, rhs_terms_, work_, terms_, inherited_;
-  std::vector<char> pinned_;           // local multipliers
+  std::vector<char> pinned_;           // local outputs
   std::uint64_t pinned_version_ = 0;   // counts changes of pinned_
   std::vector<PetscInt> unit_state_;   // local state that an output is, or -1
   std::vector<PetscInt> unit_remote_;  // unknown on another rank that an output is, or -1
   bool any_mixed_ = false;             // on some rank: an output made of several states
   bool any_remote_ = false;            // on some rank
   std::vector<double> unit_scale_;
-  std::vector<char> held_;  // outputs of the settled point
-  std::vector<double> settled_z_;
-  std::vector<double> output_scale_;  // local multipliers: an output below held_rtol times this is held
+  std::vector<char> held_;            // outputs that stand at a bound
+  std::vector<char> at_upper_;        // upper walls they stand at
+  std::vector<double> settled_z_;     // outputs, exact where held
+  std::vector<double> net_;           // multipliers of the outputs, upper walls subtracted
+  std::vector<double> output_scale_;  // an output below held_rtol times this is held
   PetscInt first_row_ = 0;            // global number of this rank's first unknown
 };
 

@@ -1,7 +1,9 @@
 #include "sweepvi/linear_system.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "petsc/sparse.hpp"
 
@@ -47,6 +49,12 @@ PetscInt LinearSystem::constraints() const {
   return m;
 }
 
+PetscInt LinearSystem::scene_constraints() const {
+  auto merged = static_cast<PetscInt>(opposite.size());
+  MPI_Allreduce(MPI_IN_PLACE, &merged, 1, MPIU_INT, MPI_SUM, comm());
+  return constraints() + merged;
+}
+
 namespace {
 
 LocalRange share(MPI_Comm comm, PetscInt total) {
@@ -57,72 +65,86 @@ LocalRange share(MPI_Comm comm, PetscInt total) {
   return {last - local, last};
 }
 
+void check_sizes(const DenseSystem& given) {
+  const auto need = [](const char* name, std::size_t found, std::size_t expected) {
+    if (found != expected)
+      throw InputError(std::string(name) + " has " + std::to_string(found) + " entries, expected " +
+                       std::to_string(expected));
+  };
+  const std::size_t n = given.x0.size();
+  if (n == 0 || given.B.size() < n) throw InputError("a system needs at least one state and one constraint");
+  const std::size_t m = given.B.size() / n;
+  need("A", given.A.size(), n * n);
+  need("B", given.B.size(), n * m);
+  need("C", given.C.size(), m * n);
+  if (!given.D.empty()) need("D", given.D.size(), m * m);
+  if (!given.f.empty()) need("f", given.f.size(), n);
+  if (!given.w0.empty()) need("w0", given.w0.size(), m);
+  if (!given.wmax.empty()) need("wmax", given.wmax.size(), m);
+  for (const auto& [name, values] : {std::pair{"A", &given.A},
+                                     {"B", &given.B},
+                                     {"C", &given.C},
+                                     {"D", &given.D},
+                                     {"w0", &given.w0},
+                                     {"x0", &given.x0}})
+    for (const double value : *values)
+      if (!std::isfinite(value)) throw InputError(std::string(name) + " holds a number that is not finite");
+  for (const double value : given.wmax)
+    if (!(value > 0.0)) throw InputError("wmax holds " + std::to_string(value) + "; expected more than 0");
+}
+
+// Rows [range) of a matrix given in full.
+Matrix rows_of(MPI_Comm comm, const std::vector<double>& values, LocalRange range, PetscInt columns,
+               PetscInt local_columns) {
+  RowBuilder builder;
+  for (PetscInt i = range.first; i < range.last; ++i) {
+    for (PetscInt j = 0; j < columns; ++j) {
+      const double value = values[static_cast<std::size_t>(i) * static_cast<std::size_t>(columns) +
+                                  static_cast<std::size_t>(j)];
+      if (value != 0.0) builder.add(j, value);
+    }
+    builder.end_row();
+  }
+  return builder.finish(comm, local_columns);
+}
+
+// Entries [range) of a vector given in full; empty: zero.
+Vector part_of(MPI_Comm comm, const std::vector<double>& values, LocalRange range) {
+  Vector part = make_vector(comm, range.size());
+  if (values.empty()) return part;
+  const WriteArray entries(part.get());
+  std::copy_n(values.begin() + range.first, range.size(), entries.data());
+  return part;
+}
+
+std::vector<PetscInt> numbers(LocalRange range) {
+  std::vector<PetscInt> result(static_cast<std::size_t>(range.size()));
+  std::iota(result.begin(), result.end(), range.first);
+  return result;
+}
+
 }  // namespace
 
-LinearSystem LinearSystem::dense(MPI_Comm comm, PetscInt n, PetscInt m, const std::vector<double>& a,
-                                 const std::vector<double>& b, const std::vector<double>& c,
-                                 const std::vector<double>& x0, const std::vector<double>& d,
-                                 const std::vector<Signal>& f, const std::vector<double>& w0) {
-  const auto need = [](const char* name, const std::vector<double>& values, PetscInt expected) {
-    if (static_cast<PetscInt>(values.size()) != expected)
-      throw InputError(std::string(name) + " has " + std::to_string(values.size()) + " entries, expected " +
-                       std::to_string(expected));
-    for (const double value : values)
-      if (!std::isfinite(value)) throw InputError(std::string(name) + " holds a number that is not finite");
-  };
-  agreed(comm, [&] {
-    if (n < 1 || m < 1) throw InputError("a system needs at least one state and one constraint");
-    need("A", a, n * n);
-    need("B", b, n * m);
-    need("C", c, m * n);
-    need("x0", x0, n);
-    if (!d.empty()) need("D", d, m * m);
-    if (!w0.empty()) need("w0", w0, m);
-    if (!f.empty() && static_cast<PetscInt>(f.size()) != n)
-      throw InputError("f has " + std::to_string(f.size()) + " entries, expected " + std::to_string(n));
-  });
-
+LinearSystem LinearSystem::dense(MPI_Comm comm, const DenseSystem& given) {
+  agreed(comm, [&] { check_sizes(given); });
+  const auto n = static_cast<PetscInt>(given.x0.size());
+  const auto m = static_cast<PetscInt>(given.B.size()) / n;
   const LocalRange states = share(comm, n);
   const LocalRange constraints = share(comm, m);
-  const auto rows = [&](const std::vector<double>& values, LocalRange range, PetscInt columns,
-                        PetscInt local_columns) {
-    RowBuilder builder;
-    for (PetscInt i = range.first; i < range.last; ++i) {
-      for (PetscInt j = 0; j < columns; ++j) {
-        const double value = values[static_cast<std::size_t>(i) * static_cast<std::size_t>(columns) +
-                                    static_cast<std::size_t>(j)];
-        if (value != 0.0) builder.add(j, value);
-      }
-      builder.end_row();
-    }
-    return builder.finish(comm, local_columns);
-  };
   LinearSystem system;
-  system.A = rows(a, states, n, states.size());
-  system.B = rows(b, states, m, constraints.size());
-  system.C = rows(c, constraints, n, states.size());
-  bool any_d = false;
-  for (const double value : d)
-    any_d = any_d || value != 0.0;
-  if (any_d) system.D = rows(d, constraints, m, constraints.size());
-  system.x0 = make_vector(comm, states.size());
-  system.w0 = make_vector(comm, constraints.size());
-  {
-    const WriteArray x(system.x0.get());
-    const WriteArray w(system.w0.get());
-    for (PetscInt i = 0; i < states.size(); ++i)
-      x[i] = x0[static_cast<std::size_t>(states.first) + static_cast<std::size_t>(i)];
-    if (!w0.empty())
-      for (PetscInt i = 0; i < constraints.size(); ++i)
-        w[i] = w0[static_cast<std::size_t>(constraints.first) + static_cast<std::size_t>(i)];
-  }
-  if (!f.empty()) system.f = Forcing::from(f, states.first, states.last);
-  system.state_order.resize(static_cast<std::size_t>(states.size()));
-  std::iota(system.state_order.begin(), system.state_order.end(), states.first);
+  system.A = rows_of(comm, given.A, states, n, states.size());
+  system.B = rows_of(comm, given.B, states, m, constraints.size());
+  system.C = rows_of(comm, given.C, constraints, n, states.size());
+  if (std::any_of(given.D.begin(), given.D.end(), [](double value) { return value != 0.0; }))
+    system.D = rows_of(comm, given.D, constraints, m, constraints.size());
+  system.x0 = part_of(comm, given.x0, states);
+  system.w0 = part_of(comm, given.w0, constraints);
+  if (!given.wmax.empty()) system.wmax = part_of(comm, given.wmax, constraints);
+  if (!given.f.empty()) system.f = Forcing::from(given.f, states.first, states.last);
+  system.state_order = numbers(states);
   system.block = system.state_order;
   system.block_count = n;
-  system.constraint_order.resize(static_cast<std::size_t>(constraints.size()));
-  std::iota(system.constraint_order.begin(), system.constraint_order.end(), constraints.first);
+  system.constraint_order = numbers(constraints);
   return system;
 }
 

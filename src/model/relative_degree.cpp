@@ -6,14 +6,13 @@
 #include <string>
 
 #include "model/constraint_names.hpp"
+#include "model/pivots.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
 
 namespace {
 
-constexpr double rounding =
-    64 * std::numeric_limits<double>::epsilon();  // a cancelled entry, relative to its terms
 constexpr double count_tolerance = 1e-10;  // far above rounding, far below what a model means by "coupled"
 constexpr int highest_degree = 64;         // chains with more lags than this are a modelling error
 
@@ -268,6 +267,7 @@ RelativeDegree analyse_relative_degree(const LinearSystem& system) {
   result.markov = markov.finish(comm, static_cast<PetscInt>(count));
   check(MatGetSize(result.Z.get(), &result.outputs, nullptr));
   result.outputs_are_states = outputs_are_states(system, outputs.z, all_directions);
+  find_pivots(system, result);
   return result;
 }
 

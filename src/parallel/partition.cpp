@@ -57,8 +57,11 @@ void constraint_edges(const LinearSystem& system, const RelativeDegree& relative
         home = state;
       }
     const auto local = static_cast<std::size_t>(a - constraints.first);
-    // Outputs that are states stay with their constraint: box on z relies on it, primal-dual saves messages.
+    // Outputs that are states, or take the place of one, stay with their constraint: box on z relies on it,
+    // primal-dual saves messages.
     for (PetscInt q = relative_degree.first_level[local]; q < relative_degree.first_level[local + 1]; ++q) {
+      if (relative_degree.has_pivots)
+        together.push_back({home, relative_degree.pivot[static_cast<std::size_t>(q)]});
       const SparseRow output = get_row(relative_degree.Z.get(), outputs.first + q);
       if (output.size() == 1) together.push_back({home, output.front().first});
     }
@@ -263,13 +266,19 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
   broadcast(comm, degrees);
   std::vector<double> diagonals = gather(comm, relative_degree.markov_diagonal);
   broadcast(comm, diagonals);
+  std::vector<PetscInt> pivots = gather(comm, relative_degree.pivot);
+  broadcast(comm, pivots);
+  std::vector<PetscInt> scene_numbers = gather(comm, system.constraint_order);
+  broadcast(comm, scene_numbers);
   std::vector<PetscInt> first_output(degrees.size() + 1, 0);
   for (std::size_t a = 0; a < degrees.size(); ++a)
     first_output[a + 1] = first_output[a] + degrees[a];
   std::vector<PetscInt> new_outputs;
   relative_degree.degree.clear();
   relative_degree.markov_diagonal.clear();
+  relative_degree.pivot.clear();
   relative_degree.first_level.assign(1, 0);
+  std::vector<PetscInt> constraint_order;
   for (const PetscInt a : new_constraints) {
     const auto at = static_cast<std::size_t>(a);
     relative_degree.degree.push_back(degrees[at]);
@@ -277,6 +286,7 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
     relative_degree.first_level.push_back(relative_degree.first_level.back() + degrees[at]);
     for (PetscInt q = first_output[at]; q < first_output[at + 1]; ++q)
       new_outputs.push_back(q);
+    constraint_order.push_back(scene_numbers[at]);
   }
   IndexSet outputs;
   check(ISCreateGeneral(comm, static_cast<PetscInt>(new_outputs.size()), new_outputs.data(),
@@ -287,6 +297,7 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
   system.C = permuted(system.C.get(), constraints, states);
   if (system.D) system.D = permuted(system.D.get(), constraints, constraints);
   system.w0 = permuted(system.w0.get(), constraints);
+  if (system.wmax) system.wmax = permuted(system.wmax.get(), constraints);
   system.x0 = permuted(system.x0.get(), states);
   relative_degree.Z = permuted(relative_degree.Z.get(), outputs, states);
   relative_degree.directions = permuted(relative_degree.directions.get(), outputs, states);
@@ -294,13 +305,20 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
   system.f.constant = moved(comm, system.f.constant, old_states.first, state_owner, new_states);
   system.f.varying = moved(comm, system.f.varying, old_states.first, state_owner, new_states);
 
-  // Before the move constraints stood in scene order, so old numbers are scene numbers.
-  std::vector<PetscInt> scene_numbers = gather(comm, system.state_order);
-  broadcast(comm, scene_numbers);
+  std::vector<PetscInt> state_numbers = gather(comm, system.state_order);
+  broadcast(comm, state_numbers);
   system.state_order.clear();
   for (const PetscInt state : new_states)
-    system.state_order.push_back(scene_numbers[static_cast<std::size_t>(state)]);
-  system.constraint_order = new_constraints;
+    system.state_order.push_back(state_numbers[static_cast<std::size_t>(state)]);
+  system.constraint_order = constraint_order;
+  if (relative_degree.has_pivots) {
+    const PetscInt first = row_range(system.A.get()).first;
+    for (const PetscInt q : new_outputs) {
+      const auto at =
+          std::lower_bound(new_states.begin(), new_states.end(), pivots[static_cast<std::size_t>(q)]);
+      relative_degree.pivot.push_back(first + static_cast<PetscInt>(at - new_states.begin()));
+    }
+  }
   broadcast(comm, block);
   system.block.clear();
   for (const PetscInt state : new_states)

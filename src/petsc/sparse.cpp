@@ -113,6 +113,26 @@ Matrix multiply(Mat a, Mat b) {
   return product;
 }
 
+Matrix multiply_clean(Mat a, Mat b) {
+  const Matrix product = multiply(a, b);
+  const Matrix magnitude = multiply(absolute_copy(a).get(), absolute_copy(b).get());  // same sparsity
+  RowBuilder rows;
+  for_each_row(product.get(), [&](PetscInt row, auto columns, auto values) {
+    const SparseRow terms = get_row(magnitude.get(), row);
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      if (std::abs(values[k]) > rounding * terms[k].second) rows.add(columns[k], values[k]);
+    rows.end_row();
+  });
+  return rows.finish(PetscObjectComm(reinterpret_cast<PetscObject>(a)), column_range(b).size());
+}
+
+Matrix add(Mat a, double factor, Mat b) {
+  Matrix sum;
+  check(MatDuplicate(a, MAT_COPY_VALUES, sum.put()));
+  check(MatAXPY(sum.get(), factor, b, DIFFERENT_NONZERO_PATTERN));
+  return sum;
+}
+
 Matrix transpose(Mat a) {
   Matrix result;
   check(MatTranspose(a, MAT_INITIAL_MATRIX, result.put()));

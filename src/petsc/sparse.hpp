@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 #include <span>
 #include <utility>
 #include <vector>
@@ -8,6 +9,9 @@
 #include "sweepvi/petsc.hpp"
 
 namespace sweepvi {
+
+/// A sum is rounding when it is below this, relative to the sum of the absolute values of its terms.
+inline constexpr double rounding = 64 * std::numeric_limits<double>::epsilon();
 
 /// A sparse row or vector: (index, value), sorted by index.
 using SparseRow = std::vector<std::pair<PetscInt, double>>;
@@ -66,6 +70,11 @@ Matrix absolute_copy(Mat matrix);
 
 /// Product of two sparse matrices. @note Collective.
 Matrix multiply(Mat a, Mat b);
+/// The same without entries that are rounding: below 64 eps of the sum of the absolute values of their terms.
+/// @note Collective.
+Matrix multiply_clean(Mat a, Mat b);
+/// a + factor b. @note Collective.
+Matrix add(Mat a, double factor, Mat b);
 /// Transpose. @note Collective.
 Matrix transpose(Mat a);
 

@@ -68,7 +68,8 @@ Trajectory march(LinearSystem system, const char* snes_type, const char* predict
   const ScopedOption guess("-sweepvi_predictor", predictor);
   RelativeDegree degree = analyse_relative_degree(system);
   distribute(system, degree);
-  const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, choose_form(Scheme::homsp, degree), grid);
+  const auto dvi =
+      make_linear_dvi(system, degree, Scheme::homsp, choose_form(system, degree, Scheme::homsp), grid);
   Trajectory trajectory;
   trajectory.constraint = system.constraint_order;
   trajectory.degree = degree.degree;
@@ -98,8 +99,11 @@ LinearSystem lifted(const Eigen::MatrixXd& t, int copies, const std::vector<Sign
     x0(5 * i) = 1.0;
   }
   const Eigen::MatrixXd inverse = t.inverse();
-  return LinearSystem::dense(PETSC_COMM_WORLD, static_cast<PetscInt>(n), copies, row_major(t * a * inverse),
-                             row_major(t * b), row_major(c * inverse), row_major(t * x0), {}, f);
+  return LinearSystem::dense(PETSC_COMM_WORLD, {.A = row_major(t * a * inverse),
+                                                .B = row_major(t * b),
+                                                .C = row_major(c * inverse),
+                                                .x0 = row_major(t * x0),
+                                                .f = f});
 }
 
 /// The same run in the plain coordinates: 5 unknowns, box on z. Its x is (z1, z2 - g2, z3 - g3, xi).
@@ -194,13 +198,13 @@ TEST(Coordinates, ForcedNeighboursKeepTheirKinematics) {
   std::vector<Signal> f(8);
   f[4] = {-1.0, 0.4, 0.5, 0.0};
   f[6] = {-1.0, 0.2, 0.3, 0.0};
-  LinearSystem system =
-      LinearSystem::dense(PETSC_COMM_WORLD, 8, 2, a, b, c, {0.5, 0.5, 0.6, 0.6, 0, 0, 0, 0}, {}, f);
+  LinearSystem system = LinearSystem::dense(
+      PETSC_COMM_WORLD, {.A = a, .B = b, .C = c, .x0 = {0.5, 0.5, 0.6, 0.6, 0, 0, 0, 0}, .f = f});
   RelativeDegree degree = analyse_relative_degree(system);
   distribute(system, degree);
   const TimeGrid three_seconds{0.0, 3.0, 300};
-  const auto dvi =
-      make_linear_dvi(system, degree, Scheme::homsp, choose_form(Scheme::homsp, degree), three_seconds);
+  const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, choose_form(system, degree, Scheme::homsp),
+                                   three_seconds);
   TimeMarch time_march(*dvi, three_seconds);
   std::vector<double> before = dvi->z();
   double worst = 0.0;
@@ -232,7 +236,8 @@ TEST(Coordinates, AnOffsetIsAMovedOrigin) {
   const std::vector<double> b = {0, 0, 1, 0, 0};
   const std::vector<double> c = {1, 0, 0, 0, 0};
   const auto run = [&](const std::vector<double>& x0, const std::vector<Signal>& f, double w0, Form form) {
-    LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 5, 1, a, b, c, x0, {}, f, {w0});
+    LinearSystem system =
+        LinearSystem::dense(PETSC_COMM_WORLD, {.A = a, .B = b, .C = c, .x0 = x0, .f = f, .w0 = {w0}});
     RelativeDegree degree = analyse_relative_degree(system);
     distribute(system, degree);
     const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, form, grid);

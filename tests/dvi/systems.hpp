@@ -11,12 +11,15 @@ namespace sweepvi::test {
 
 /// AB (65), start (1, 0, 0, 0, 0), optionally forced.
 inline LinearSystem example65(MPI_Comm comm, const std::vector<Signal>& f = {}) {
-  return LinearSystem::dense(comm, 5, 1, {0,  1,  0,  0,  0,  //
+  return LinearSystem::dense(comm, {.A = {0,  1,  0,  0,  0,  //
                                           0,  0,  1,  0,  0,  //
                                           -1, -1, -1, 0,  1,  //
                                           0,  0,  0,  0,  1,  //
                                           1,  0,  0,  -1, 0},
-                             {0, 0, 1, 0, 0}, {1, 0, 0, 0, 0}, {1, 0, 0, 0, 0}, {}, f);
+                                    .B = {0, 0, 1, 0, 0},
+                                    .C = {1, 0, 0, 0, 0},
+                                    .x0 = {1, 0, 0, 0, 0},
+                                    .f = f});
 }
 
 /// Its state at t = 10: an event-driven solution in 50 digits (tests/reference/README.md).

@@ -32,8 +32,9 @@ LinearSystem integrators(PetscInt n, double gain = 1.0) {
   std::vector<double> c(static_cast<std::size_t>(n), 0.0);
   b.back() = gain;
   c.front() = 1.0;
-  return LinearSystem::dense(PETSC_COMM_WORLD, n, 1, a, b, c,
-                             std::vector<double>(static_cast<std::size_t>(n), 1.0));
+  return LinearSystem::dense(
+      PETSC_COMM_WORLD,
+      {.A = a, .B = b, .C = c, .x0 = std::vector<double>(static_cast<std::size_t>(n), 1.0)});
 }
 
 std::map<PetscInt, int> degrees(const LinearSystem& system, const RelativeDegree& degree) {
@@ -61,7 +62,6 @@ TEST(RelativeDegree, OutputsAndDirectionsAreBiorthogonal) {
   // Two masses behind flexible joints, coupled: r = 4 each, directions that are not unit vectors.
   // x = (q1, p1, q2, p2, velocities); joint 10, coupling 1, damping in the joints so that no Markov parameter
   // is zero.
-  const PetscInt n = 8;
   std::vector<double> a(64, 0.0);
   const auto at = [&](int i, int j) -> double& { return a[static_cast<std::size_t>(8 * i + j)]; };
   for (int i = 0; i < 4; ++i)
@@ -74,7 +74,7 @@ TEST(RelativeDegree, OutputsAndDirectionsAreBiorthogonal) {
   b[5 * 2 + 0] = b[7 * 2 + 1] = 1.0;
   c[0] = c[8 + 2] = 1.0;
   const LinearSystem system =
-      LinearSystem::dense(PETSC_COMM_WORLD, n, 2, a, b, c, std::vector<double>(8, 0.0));
+      LinearSystem::dense(PETSC_COMM_WORLD, {.A = a, .B = b, .C = c, .x0 = std::vector<double>(8, 0.0)});
   const RelativeDegree degree = analyse_relative_degree(system);
   EXPECT_EQ(degree.lowest, 4);
   EXPECT_EQ(degree.highest, 4);
@@ -95,8 +95,9 @@ TEST(RelativeDegree, OutputsAndDirectionsAreBiorthogonal) {
 
 TEST(RelativeDegree, DifferentDegreesInOneScene) {
   // w_0 = x_0 with x_0' = lambda_0 (r = 1), w_1 = x_1, x_1'' = lambda_1 (r = 2).
-  const LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 3, 2, {0, 0, 0, 0, 0, 1, 0, 0, 0},
-                                                  {1, 0, 0, 0, 0, 1}, {1, 0, 0, 0, 1, 0}, {1, 1, 1});
+  const LinearSystem system = LinearSystem::dense(
+      PETSC_COMM_WORLD,
+      {.A = {0, 0, 0, 0, 0, 1, 0, 0, 0}, .B = {1, 0, 0, 0, 0, 1}, .C = {1, 0, 0, 0, 1, 0}, .x0 = {1, 1, 1}});
   const RelativeDegree degree = analyse_relative_degree(system);
   for (const auto& [constraint, r] : degrees(system, degree))
     EXPECT_EQ(r, constraint + 1);
@@ -106,8 +107,9 @@ TEST(RelativeDegree, DifferentDegreesInOneScene) {
 
 TEST(RelativeDegree, CancellationIsNotCoupling) {
   // C B = 0.1 + 0.2 - 0.3, which is 5.6e-17 in doubles: r = 2, not 1.
-  const LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 3, 1, {0, 1, 0, 0, 0, 0, 0, 0, 0},
-                                                  {0.1, 0.2, 0.3}, {1, 1, -1}, {1, 1, 1});
+  const LinearSystem system = LinearSystem::dense(
+      PETSC_COMM_WORLD,
+      {.A = {0, 1, 0, 0, 0, 0, 0, 0, 0}, .B = {0.1, 0.2, 0.3}, .C = {1, 1, -1}, .x0 = {1, 1, 1}});
   const RelativeDegree degree = analyse_relative_degree(system);
   EXPECT_EQ(degree.lowest, 2);
   EXPECT_GT(degree.smallest_kept, 1e-2);
@@ -116,15 +118,17 @@ TEST(RelativeDegree, CancellationIsNotCoupling) {
 
 TEST(RelativeDegree, NamesAConstraintThatLambdaNeverReaches) {
   // Constraint 1 reads a state that no input reaches.
-  const LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 3, 2, {0, 1, 0, 0, 0, 0, 0, 0, -1},
-                                                  {0, 0, 1, 1, 0, 0}, {1, 0, 0, 0, 0, 1}, {1, 1, 1});
+  const LinearSystem system = LinearSystem::dense(
+      PETSC_COMM_WORLD,
+      {.A = {0, 1, 0, 0, 0, 0, 0, 0, -1}, .B = {0, 0, 1, 1, 0, 0}, .C = {1, 0, 0, 0, 0, 1}, .x0 = {1, 1, 1}});
   expect_bad_input([&] { analyse_relative_degree(system); }, {"constraint 1", "no relative degree"});
 }
 
 TEST(Markov, SingularMatrixNamesTheDependentConstraints) {
   // A mass between two walls: w_0 = q, w_1 = 1 - q.
-  const LinearSystem system = LinearSystem::dense(PETSC_COMM_WORLD, 2, 2, {0, 1, 0, 0}, {0, 0, 1, -1},
-                                                  {1, 0, -1, 0}, {0.5, 0}, {}, {}, {0, 1});
+  const LinearSystem system = LinearSystem::dense(
+      PETSC_COMM_WORLD,
+      {.A = {0, 1, 0, 0}, .B = {0, 0, 1, -1}, .C = {1, 0, -1, 0}, .x0 = {0.5, 0}, .w0 = {0, 1}});
   const RelativeDegree degree = analyse_relative_degree(system);
   expect_bad_input([&] { check_markov_matrix(system, degree); }, {"singular", "0, 1"});
 }
@@ -137,8 +141,10 @@ TEST(Markov, NegativeParameterIsRefused) {
 
 LinearSystem with_markov(double m00, double m01, double m10, double m11) {
   // Two double integrators with inputs mixed by M.
-  return LinearSystem::dense(PETSC_COMM_WORLD, 4, 2, {0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0},
-                             {0, 0, m00, m01, 0, 0, m10, m11}, {1, 0, 0, 0, 0, 0, 1, 0}, {1, 0, 1, 0});
+  return LinearSystem::dense(PETSC_COMM_WORLD, {.A = {0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0},
+                                                .B = {0, 0, m00, m01, 0, 0, m10, m11},
+                                                .C = {1, 0, 0, 0, 0, 0, 1, 0},
+                                                .x0 = {1, 0, 1, 0}});
 }
 
 TEST(Markov, SolvabilityIsToldApart) {
@@ -168,7 +174,7 @@ TEST(ZeroDynamicsOf, Example65IsAnOscillator) {
 TEST(ZeroDynamicsOf, AnUnstableZeroIsSeen) {
   // w = x_1, x_1' = x_0 + lambda, x_0' = 3 x_0 - lambda: held at w = 0, x_0' = 4 x_0.
   const LinearSystem system =
-      LinearSystem::dense(PETSC_COMM_WORLD, 2, 1, {3, 0, 1, 0}, {-1, 1}, {0, 1}, {1, 1});
+      LinearSystem::dense(PETSC_COMM_WORLD, {.A = {3, 0, 1, 0}, .B = {-1, 1}, .C = {0, 1}, .x0 = {1, 1}});
   const RelativeDegree degree = analyse_relative_degree(system);
   EXPECT_NEAR(zero_dynamics(system, degree).largest_real_part, 4.0, 1e-12);
 }
