@@ -15,9 +15,13 @@ struct Step {
   double h = 0.0;       ///< [s]
 };
 
+/// A wall of the set 0 <= w <= wmax.
+enum class Side : signed char { upper = -1, none = 0, lower = 1 };
+
 /// What happened to a constraint in a step.
 struct StepEvent {
   PetscInt constraint;  ///< local number
+  Side side;            ///< at which wall
   int level;            ///< level whose output jumped (impact), the highest level used (lift-off)
   bool impact;          ///< false: lift-off
   double impulse;       ///< mu_{a,level}
@@ -72,9 +76,10 @@ public:
   virtual const std::vector<double>& z()
       const = 0;  ///< outputs, this rank's, constraint by constraint; may be empty
   virtual const std::vector<double>& mu()
-      const = 0;                      ///< [local constraint][level], measures of the last step
-  virtual int mu_levels() const = 0;  ///< columns of `mu`
+      const = 0;  ///< [local constraint][level], measures of the last step; negative at an upper wall
+  virtual int mu_levels() const = 0;                         ///< columns of `mu`
   virtual const std::vector<int>& level() const = 0;         ///< r* of the last step, per local constraint
+  virtual const std::vector<Side>& side() const = 0;         ///< wall at which the last step began
   virtual const std::vector<StepEvent>& events() const = 0;  ///< of the last step, this rank's
 };
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/linear_system.hpp"
@@ -23,6 +24,10 @@ enum class Form {
   primal_dual  ///< unknowns are the states and one multiplier per level
 };
 const char* name_of(Form form);
+
+/// Why a system cannot be solved as a box on z; empty if it can. @note Collective.
+std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& relative_degree,
+                             Scheme scheme);
 
 /// The form to solve in: what -sweepvi_form asks for, else box_on_z where it fits (no extra unknowns).
 ///

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -38,10 +39,26 @@ std::string degrees_text(MPI_Comm comm, const RelativeDegree& relative_degree) {
   return text;
 }
 
+/// Constraints with an upper wall, and those of them that stand for two rows of the scene.
+struct Walls {
+  std::int64_t two_sided = 0, merged = 0;
+};
+
+Walls count_walls(MPI_Comm comm, const LinearSystem& system) {
+  std::int64_t counts[2] = {0, static_cast<std::int64_t>(system.opposite.size())};
+  if (system.wmax) {
+    const ReadArray wmax(system.wmax.get());
+    counts[0] = std::count_if(wmax.data(), wmax.data() + wmax.size(),
+                              [](double value) { return value < PETSC_INFINITY; });
+  }
+  MPI_Allreduce(MPI_IN_PLACE, counts, 2, MPI_INT64_T, MPI_SUM, comm);
+  return {counts[0], counts[1]};
+}
+
 std::string not_needed(const LinearSystem& system, const RelativeDegree& relative_degree, Form form) {
   std::string text;
   const auto add = [&](const char* what) { text += (text.empty() ? "" : "; ") + std::string(what); };
-  if (form == Form::box_on_z) add("multipliers (outputs are states, their rows read the measures)");
+  if (form == Form::box_on_z) add("multipliers");
   if (system.states() == relative_degree.outputs) add("zero dynamics (n = sum of r)");
   if (!system.f.any) add("forcing");
   if (system.f.any && !system.f.varies) add("derivatives of the forcing (it is constant)");
@@ -65,6 +82,8 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   counts.count_jacobian(march.solver().jacobian());
   const ZeroDynamics zero = zero_dynamics(system, degree);
   const std::string degrees = degrees_text(comm, degree);
+  const std::string obstacle = against_box_on_z(system, degree, time.scheme);
+  const Walls walls = count_walls(comm, system);
   int rank = 0;
   int ranks = 1;
   MPI_Comm_rank(comm, &rank);
@@ -79,6 +98,12 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   row("steps", fmt::format("{} of {:.9g} s from {:.9g} s to {:.9g} s, scheme {}", time.steps, time.step,
                            time.start, time.end, sweepvi::name_of(time.scheme)));
   row("sizes", fmt::format("{} states, {} constraints, {} outputs", n, m, degree.outputs));
+  if (walls.two_sided > 0)
+    row("two-sided",
+        fmt::format("{} constraint{}{}", walls.two_sided, walls.two_sided == 1 ? "" : "s",
+                    walls.merged == 0
+                        ? ""
+                        : fmt::format(", {} of them two opposite rows of the scene", walls.merged)));
   row("relative degree", degrees);
   if (degree.highest > 0)
     row("  decided at",
@@ -99,8 +124,12 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
           : fmt::format("{} states, largest real part of the spectrum {:.3g} 1/s{}", zero.size,
                         zero.largest_real_part,
                         zero.largest_real_part > 1e-9 ? " (unstable: non-minimum phase)" : ""));
+  row("form", fmt::format("{}{}", sweepvi::name_of(form),
+                          form == Form::box_on_z ? ": outputs are unknowns, their rows read the measures"
+                          : obstacle.empty()     ? ", as asked; box on z would do without multipliers"
+                                                 : ": " + obstacle));
   row("unknowns",
-      fmt::format("{} ({}: {} states{})", counts.unknowns, sweepvi::name_of(form), n,
+      fmt::format("{} ({} states{})", counts.unknowns, n,
                   form == Form::box_on_z ? "" : fmt::format(" + {} multipliers", counts.unknowns - n)));
   row("Jacobian nonzeros",
       fmt::format("{} ({:.3g} per unknown)", counts.jacobian_nonzeros,

@@ -2,6 +2,7 @@
 
 #include "app/options.hpp"
 #include "model/from_scene.hpp"
+#include "model/opposite.hpp"
 #include "sweepvi/partition.hpp"
 
 namespace sweepvi::app {
@@ -11,6 +12,7 @@ Prepared prepare(MPI_Comm comm, const CommandLine& line) {
   prepared.scene = read_scene(comm, line.scene, line.overrides);
   insert_scene_options(line, prepared.scene.petsc_options, prepared.scene.petsc_options_set);
   prepared.system = make_linear_system(comm, prepared.scene);
+  merge_opposite_constraints(prepared.system);
   prepared.relative_degree = analyse_relative_degree(prepared.system);
   prepared.markov = check_markov_matrix(prepared.system, prepared.relative_degree);
   distribute(prepared.system, prepared.relative_degree);

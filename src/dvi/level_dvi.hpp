@@ -21,6 +21,7 @@ public:
   const std::vector<double>& mu() const final { return levels_.mu; }
   int mu_levels() const final { return levels_.mu_levels; }
   const std::vector<int>& level() const final { return levels_.level; }
+  const std::vector<Side>& side() const final { return levels_.side; }
   const std::vector<StepEvent>& events() const final { return levels_.events; }
 
 protected:

@@ -19,7 +19,8 @@ void LevelState::allocate(const std::vector<int>& levels_of_constraint, int colu
   upper.assign(count, PETSC_INFINITY);
   if (wmax == nullptr) return;
   const ReadArray walls(wmax);
-  std::copy_n(walls.data(), count, upper.begin());
+  for (std::size_t a = 0; a < count; ++a)
+    upper[a] = std::min(walls[static_cast<PetscInt>(a)], PETSC_INFINITY);
 }
 
 void LevelState::apply_level_rule() {
@@ -49,13 +50,14 @@ void LevelState::advance(const std::vector<double>& z_new) {
     const double z1 = z[at(a, 1)];
     const bool violated = z1 < 0.0 || z1 > upper[a];  // such data are projected
     if (violated || (new_side != Side::none && new_side != old_side))
-      events.push_back({number, 1, true, measure(a, 1)});
+      events.push_back({number, new_side != Side::none ? new_side : old_side, 1, true, measure(a, 1)});
     for (int i = 2; i <= level[a]; ++i) {
       const double impulse = measure(a, i);
       if (sign(old_side) * z[at(a, i)] < 0.0 && sign(old_side) * impulse > 0.0)
-        events.push_back({number, i, true, impulse});
+        events.push_back({number, old_side, i, true, impulse});
     }
-    if (old_side != Side::none && new_side != old_side) events.push_back({number, level[a], false, 0.0});
+    if (old_side != Side::none && new_side != old_side)
+      events.push_back({number, old_side, level[a], false, 0.0});
   }
   z = z_new;
 }

@@ -11,8 +11,6 @@ namespace sweepvi {
 /// on the bound does not show in the certificate.
 inline constexpr double held_rtol = 1e-12;
 
-/// Which wall of 0 <= w <= wmax a constraint stands at.
-enum class Side : signed char { upper = -1, none = 0, lower = 1 };
 inline double sign(Side side) {
   return static_cast<double>(side);
 }

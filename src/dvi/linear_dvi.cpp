@@ -25,9 +25,6 @@ const char* name_of(Form form) {
   return form == Form::box_on_z ? "box on z" : "primal-dual";
 }
 
-namespace {
-
-/// Why the box on z does not fit; empty if it does.
 std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& relative_degree,
                              Scheme scheme) {
   if (scheme != Scheme::homsp) return std::string("the scheme is ") + name_of(scheme) + ", not homsp";
@@ -42,6 +39,8 @@ std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& r
   MPI_Allreduce(MPI_IN_PLACE, &away, 1, MPI_INT, MPI_LOR, system.comm());
   return away != 0 ? "a constraint and the states it reads are on different ranks" : "";
 }
+
+namespace {
 
 std::string asked_form(MPI_Comm comm) {
   std::array<char, 64> form{"auto"};

@@ -59,50 +59,60 @@ const char* text_of(StateLayout layout) {
 
 struct Recorder::Layout {
   const OutputSpec& output;
+  SceneRows rows;
   FileOrder states;
   std::optional<FileOrder> outputs;
   FileOrder constraints;
   PetscInt recorded_states, recorded_outputs, recorded_constraints;
   std::vector<std::string> output_names;
 
-  static Layout find(const OutputSpec& output, const LinearSystem& system,
-                     const RelativeDegree& relative_degree, const ConstrainedDvi& dvi) {
+  static Layout find(const OutputSpec& output, const LinearSystem& system, SceneRows rows,
+                     const ConstrainedDvi& dvi) {
     const MPI_Comm comm = system.comm();
     const auto per_block = static_cast<PetscInt>(std::max<std::size_t>(1, system.state_names.size()));
     const Selection selection(output.blocks, system.states() / per_block, per_block, system.layout);
     const auto state = [&](PetscInt number) { return selection.state(number); };
     const auto element = [&](PetscInt number) { return selection.element(number); };
     const PetscInt states = per_block * selection.kept();
-    const PetscInt constraints = output.blocks ? selection.kept() : system.constraints();
+    const PetscInt constraints = output.blocks ? selection.kept() : system.scene_constraints();
 
     // Outputs stand constraint by constraint in scene order; degrees may differ.
     int has_outputs = dvi.z().empty() ? 0 : 1;
     MPI_Allreduce(MPI_IN_PLACE, &has_outputs, 1, MPI_INT, MPI_LOR, comm);
-    std::vector<int> degrees = gather(comm, relative_degree.degree);
-    std::vector<PetscInt> numbers = gather(comm, system.constraint_order);
+    std::vector<int> degrees = gather(comm, rows.degrees());
+    std::vector<PetscInt> numbers = gather(comm, rows.numbers());
     broadcast(comm, degrees);
     broadcast(comm, numbers);
-    std::vector<PetscInt> width(numbers.size(), 0);
-    for (std::size_t k = 0; k < numbers.size(); ++k)
+    std::vector<PetscInt> width(numbers.size(), 0);  // in the file
+    std::vector<PetscInt> degree_of(numbers.size(), 0);
+    for (std::size_t k = 0; k < numbers.size(); ++k) {
+      degree_of[static_cast<std::size_t>(numbers[k])] = degrees[k];
       if (element(numbers[k]) >= 0) width[static_cast<std::size_t>(numbers[k])] = degrees[k];
+    }
     std::vector<PetscInt> first(width.size() + 1, 0);
     std::partial_sum(width.begin(), width.end(), first.begin() + 1);
     std::vector<PetscInt> output_positions;
-    for (std::size_t a = 0; a < system.constraint_order.size(); ++a) {
-      const PetscInt number = system.constraint_order[a];
-      const bool kept = element(number) >= 0;
-      for (int i = 0; i < relative_degree.degree[a]; ++i)
-        output_positions.push_back(kept ? first[static_cast<std::size_t>(number)] + i : -1);
+    for (const PetscInt number : rows.numbers()) {
+      const auto at = static_cast<std::size_t>(number);
+      for (PetscInt i = first[at]; i < first[at] + degree_of[at]; ++i)
+        output_positions.push_back(width[at] > 0 ? i : -1);
     }
 
-    Layout layout{output,       FileOrder(comm, positions(system.state_order, state), states),
-                  std::nullopt, FileOrder(comm, positions(system.constraint_order, element), constraints),
-                  states,       first.back(),
-                  constraints,  {}};
+    FileOrder constraint_order(comm, positions(rows.numbers(), element), constraints);
+    Layout layout{.output = output,
+                  .rows = std::move(rows),
+                  .states = FileOrder(comm, positions(system.state_order, state), states),
+                  .outputs = std::nullopt,
+                  .constraints = std::move(constraint_order),
+                  .recorded_states = states,
+                  .recorded_outputs = first.back(),
+                  .recorded_constraints = constraints,
+                  .output_names = {}};
     if (has_outputs != 0) layout.outputs.emplace(comm, output_positions, first.back());
-    const bool uniform = relative_degree.lowest == relative_degree.highest;
+    const bool uniform =
+        std::all_of(degree_of.begin(), degree_of.end(), [&](PetscInt r) { return r == degree_of.front(); });
     for (std::size_t a = 0; a < (uniform ? 1 : width.size()); ++a)
-      for (PetscInt i = 1; i <= (uniform ? relative_degree.highest : width[a]); ++i)
+      for (PetscInt i = 1; i <= (uniform ? degree_of.front() : width[a]); ++i)
         layout.output_names.push_back("z" + std::to_string(i) + (uniform ? "" : " of " + std::to_string(a)));
     return layout;
   }
@@ -160,13 +170,14 @@ struct Recorder::Layout {
 Recorder::Recorder(const std::string& path, bool overwrite, const OutputSpec& output, const TimeSpec& time,
                    const LinearSystem& system, const RelativeDegree& relative_degree,
                    const ConstrainedDvi& dvi)
-    : Recorder(Layout::find(output, system, relative_degree, dvi), path, overwrite, time, system, dvi) {}
+    : Recorder(Layout::find(output, system, SceneRows(system, relative_degree, dvi), dvi), path, overwrite,
+               time, system, dvi) {}
 
 Recorder::Recorder(Layout layout, const std::string& path, bool overwrite, const TimeSpec& time,
                    const LinearSystem& system, const ConstrainedDvi& dvi)
     : comm_(system.comm()),
-      system_(system),
       dvi_(dvi),
+      rows_(std::move(layout.rows)),
       every_(layout.output.every),
       last_step_(time.steps),
       states_(std::move(layout.states)),
@@ -179,20 +190,18 @@ Recorder::Recorder(Layout layout, const std::string& path, bool overwrite, const
              .impulse_units = "1"}) {
   if (layout.output.blocks)
     file_.list("/element", *layout.output.blocks, "1", "element numbers of the columns");
-  mu_.assign(dvi.mu().size(), 0.0);
+  mu_.assign(rows_.count() * static_cast<std::size_t>(dvi.mu_levels()), 0.0);
   write_row(time.start);
 }
 
 void Recorder::step(const Step& step, const StepReport& report, double seconds) {
-  const std::vector<double>& measures = dvi_.mu();
-  for (std::size_t k = 0; k < mu_.size(); ++k)
-    mu_[k] += measures[k];
+  rows_.add_measures(mu_);
   iterations_ += report.iterations;
   seconds_ += seconds;
   residual_ = std::max(residual_, report.residual);
   for (const StepEvent& event : dvi_.events())
-    file_.add_event({step.t_new, system_.constraint_order[static_cast<std::size_t>(event.constraint)],
-                     event.level, event.impact ? Event::Kind::impact : Event::Kind::liftoff, event.impulse});
+    file_.add_event({step.t_new, rows_.number_of(event), event.level,
+                     event.impact ? Event::Kind::impact : Event::Kind::liftoff, rows_.impulse_of(event)});
   pending_ = step.t_new;
   if (step.number % every_ == 0 || step.number == last_step_) write_row(step.t_new);
 }
@@ -203,11 +212,11 @@ void Recorder::write_row(double time) {
     const ReadArray state(dvi_.x());
     states_.bring(state.data(), file_.real(Field::x));
   }
-  constraints_.bring(dvi_.w().data(), file_.real(Field::w));
-  if (outputs_) outputs_->bring(dvi_.z().data(), file_.real(Field::z));
+  constraints_.bring(rows_.w().data(), file_.real(Field::w));
+  if (outputs_) outputs_->bring(rows_.z().data(), file_.real(Field::z));
 
   const auto levels = static_cast<std::size_t>(dvi_.mu_levels());
-  const std::size_t local = system_.constraint_order.size();
+  const std::size_t local = rows_.count();
   const auto slice = static_cast<std::size_t>(constraints_.count());
   column_.resize(local);
   slice_.resize(slice);
@@ -219,9 +228,7 @@ void Recorder::write_row(double time) {
     for (std::size_t a = 0; a < slice; ++a)
       measures[a * levels + i] = slice_[a];
   }
-  for (std::size_t a = 0; a < local; ++a)
-    column_[a] = dvi_.level()[a];
-  constraints_.bring(column_.data(), slice_.data());
+  constraints_.bring(rows_.level().data(), slice_.data());
   std::int32_t* const level_slice = file_.integer(Field::level);
   for (std::size_t a = 0; a < slice; ++a)
     level_slice[a] = static_cast<std::int32_t>(slice_[a]);

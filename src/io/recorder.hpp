@@ -6,6 +6,7 @@
 
 #include "io/file_order.hpp"
 #include "io/scene.hpp"
+#include "io/scene_rows.hpp"
 #include "io/table_file.hpp"
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/linear_system.hpp"
@@ -37,8 +38,8 @@ private:
   void write_row(double t);
 
   MPI_Comm comm_;
-  const LinearSystem& system_;
   const ConstrainedDvi& dvi_;
+  SceneRows rows_;
   std::int64_t every_;
   std::int64_t last_step_;
   FileOrder states_;

@@ -78,18 +78,26 @@ void expect_length(const TomlValue& key, const std::vector<T>& found, std::int64
     key.fail(fmt::format("has {} entries; expected {} = {}", found.size(), what, length));
 }
 
-/// Without an upper limit there is nothing to do; others are not built.
-void check_wmax(const TomlValue& wmax, std::int64_t m) {
-  if (!wmax) return;
+/// Empty if no constraint has an upper limit.
+std::vector<double> read_wmax(const TomlValue& wmax, std::int64_t m) {
+  if (!wmax) return {};
   std::vector<double> values;
   if (wmax.is_number()) {
-    values.push_back(wmax.number_or_infinity());
+    values.assign(static_cast<std::size_t>(m), wmax.number_or_infinity());
   } else {
     values = wmax.numbers_or_infinity();
     expect_length(wmax, values, m, "m");
   }
   for (const double value : values)
-    if (value != std::numeric_limits<double>::infinity()) wmax.fail_not_built("inf, no upper limit");
+    if (!(value > 0.0))
+      wmax.fail(
+          fmt::format("has the entry {}; expected more than 0, the distance between the walls w = 0 and w = "
+                      "wmax, or inf",
+                      value));
+  const bool none = std::all_of(values.begin(), values.end(), [](double value) {
+    return value == std::numeric_limits<double>::infinity();
+  });
+  return none ? std::vector<double>{} : values;
 }
 
 LinearSpec read_linear(const TomlValue& table, bool root) {
@@ -123,7 +131,7 @@ LinearSpec read_linear(const TomlValue& table, bool root) {
   expect_length(w0, model.w0, m, "m");
   model.x0 = x0.numbers();
   expect_length(x0, model.x0, n, "n");
-  check_wmax(wmax, m);
+  model.wmax = read_wmax(wmax, m);
   return model;
 }
 

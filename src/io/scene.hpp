@@ -27,13 +27,14 @@ struct TimeSpec {
   TimeGrid grid() const { return {start, end, static_cast<PetscInt>(steps)}; }
 };
 
-/// `kind = "linear"`: x' = A x + B lambda + f, w = C x + D lambda + w0, w >= 0.
+/// `kind = "linear"`: x' = A x + B lambda + f, w = C x + D lambda + w0, 0 <= w <= wmax.
 /// Matrices and vectors are filled on rank 0 only; elsewhere they are empty.
 struct LinearSpec {
   SparseEntries A, B, C;           ///< n x n, n x m, m x n
   std::optional<SparseEntries> D;  ///< m x m
   std::vector<Signal> f;           ///< n, or empty: no forcing
   std::vector<double> w0;          ///< m
+  std::vector<double> wmax;        ///< m, or empty: no upper limits
   std::vector<double> x0;          ///< n
 };
 

@@ -71,11 +71,12 @@ Vector scatter_vector(MPI_Comm comm, const std::vector<double>& whole, PetscInt 
 namespace {
 
 LinearSystem from_spec(MPI_Comm comm, LinearSpec& spec) {
-  PetscInt sizes[3] = {static_cast<PetscInt>(spec.A.rows), static_cast<PetscInt>(spec.C.rows), 0};
+  PetscInt sizes[4] = {static_cast<PetscInt>(spec.A.rows), static_cast<PetscInt>(spec.C.rows), 0,
+                       spec.wmax.empty() ? 0 : 1};
   if (spec.D)
     for (const double value : spec.D->values)
       sizes[2] = sizes[2] != 0 || value != 0.0 ? 1 : 0;
-  MPI_Bcast(sizes, 3, MPIU_INT, 0, comm);
+  MPI_Bcast(sizes, 4, MPIU_INT, 0, comm);
   PetscInt states = PETSC_DECIDE;
   PetscInt constraints = PETSC_DECIDE;
   check(PetscSplitOwnership(comm, &states, &sizes[0]));
@@ -89,6 +90,7 @@ LinearSystem from_spec(MPI_Comm comm, LinearSpec& spec) {
     system.D = scatter_rows(comm, spec.D.value_or(SparseEntries{}), constraints, constraints);
   system.x0 = scatter_vector(comm, spec.x0, states);
   system.w0 = scatter_vector(comm, spec.w0, constraints);
+  if (sizes[3] != 0) system.wmax = scatter_vector(comm, spec.wmax, constraints);
   const LocalRange rows = row_range(system.A.get());
   const LocalRange constraint_rows = row_range(system.C.get());
   broadcast(comm, spec.f);

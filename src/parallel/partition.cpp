@@ -270,6 +270,12 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
   broadcast(comm, pivots);
   std::vector<PetscInt> scene_numbers = gather(comm, system.constraint_order);
   broadcast(comm, scene_numbers);
+  std::vector<OppositeRow> opposite = system.opposite;
+  for (OppositeRow& row : opposite)
+    row.constraint += row_range(system.C.get()).first;
+  opposite = gather(comm, opposite);
+  broadcast(comm, opposite);
+  system.opposite.clear();
   std::vector<PetscInt> first_output(degrees.size() + 1, 0);
   for (std::size_t a = 0; a < degrees.size(); ++a)
     first_output[a + 1] = first_output[a] + degrees[a];
@@ -286,6 +292,13 @@ void distribute(LinearSystem& system, RelativeDegree& relative_degree) {
     relative_degree.first_level.push_back(relative_degree.first_level.back() + degrees[at]);
     for (PetscInt q = first_output[at]; q < first_output[at + 1]; ++q)
       new_outputs.push_back(q);
+    const auto row =
+        std::lower_bound(opposite.begin(), opposite.end(), a,
+                         [](const OppositeRow& o, PetscInt number) { return o.constraint < number; });
+    if (row != opposite.end() && row->constraint == a) {
+      system.opposite.push_back(*row);
+      system.opposite.back().constraint = static_cast<PetscInt>(constraint_order.size());
+    }
     constraint_order.push_back(scene_numbers[at]);
   }
   IndexSet outputs;

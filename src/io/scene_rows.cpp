@@ -1,0 +1,102 @@
+#include "io/scene_rows.hpp"
+
+#include <algorithm>
+
+namespace sweepvi {
+
+SceneRows::SceneRows(const LinearSystem& system, const RelativeDegree& relative_degree,
+                     const ConstrainedDvi& dvi)
+    : relative_degree_(relative_degree), dvi_(dvi) {
+  for (std::size_t a = 0; a < system.constraint_order.size(); ++a)
+    rows_.push_back({a, system.constraint_order[a]});
+  merged_row_.assign(rows_.size(), none);
+  for (const OppositeRow& opposite : system.opposite) {
+    const auto a = static_cast<std::size_t>(opposite.constraint);
+    rows_[a].upper = false;
+    merged_row_[a] = rows_.size();
+    rows_.push_back({a, opposite.number, false, true, opposite.output_scale, opposite.multiplier_scale});
+  }
+  if (!system.wmax) return;
+  const ReadArray wmax(system.wmax.get());
+  wmax_.assign(wmax.data(), wmax.data() + wmax.size());
+}
+
+std::vector<PetscInt> SceneRows::numbers() const {
+  std::vector<PetscInt> result;
+  for (const Row& row : rows_)
+    result.push_back(row.number);
+  return result;
+}
+
+std::vector<int> SceneRows::degrees() const {
+  std::vector<int> result;
+  for (const Row& row : rows_)
+    result.push_back(relative_degree_.degree[row.constraint]);
+  return result;
+}
+
+std::vector<double> SceneRows::w() const {
+  std::vector<double> result;
+  for (const Row& row : rows_) {
+    const double w = dvi_.w()[row.constraint];
+    result.push_back(row.mirrored() ? row.output_scale * (wmax_[row.constraint] - w) : w);
+  }
+  return result;
+}
+
+std::vector<double> SceneRows::z() const {
+  const std::vector<double>& z = dvi_.z();
+  std::vector<double> result;
+  if (z.empty()) return result;
+  for (const Row& row : rows_) {
+    const PetscInt first = relative_degree_.first_level[row.constraint];
+    for (int i = 1; i <= relative_degree_.degree[row.constraint]; ++i) {
+      const double value = z[static_cast<std::size_t>(first + i - 1)];
+      const double bound = i == 1 && row.mirrored() ? wmax_[row.constraint] : 0.0;
+      result.push_back(row.mirrored() ? row.output_scale * (bound - value) : value);
+    }
+  }
+  return result;
+}
+
+// r* of a row is 1 while the constraint stands at the other wall.
+std::vector<double> SceneRows::level() const {
+  std::vector<double> result;
+  for (const Row& row : rows_) {
+    const int level = dvi_.level()[row.constraint];
+    const Side side = dvi_.side()[row.constraint];
+    const bool elsewhere = (side == Side::upper && !row.upper) || (side == Side::lower && !row.lower);
+    result.push_back(elsewhere ? std::min(level, 1) : level);
+  }
+  return result;
+}
+
+double SceneRows::measure(const Row& row, int level, double mu) const {
+  if (!row.mirrored()) return row.upper ? mu : std::max(0.0, mu);
+  const bool last = level == std::max(1, relative_degree_.degree[row.constraint]);
+  return std::max(0.0, -mu) * (last ? 1.0 / row.multiplier_scale : row.output_scale);
+}
+
+void SceneRows::add_measures(std::vector<double>& sums) const {
+  const auto levels = static_cast<std::size_t>(dvi_.mu_levels());
+  for (std::size_t k = 0; k < rows_.size(); ++k)
+    for (std::size_t i = 0; i < levels; ++i)
+      sums[k * levels + i] +=
+          measure(rows_[k], static_cast<int>(i) + 1, dvi_.mu()[rows_[k].constraint * levels + i]);
+}
+
+const SceneRows::Row& SceneRows::row_of(const StepEvent& event) const {
+  const auto a = static_cast<std::size_t>(event.constraint);
+  const bool at_merged = event.side == Side::upper && merged_row_[a] != none;
+  return rows_[at_merged ? merged_row_[a] : a];
+}
+
+PetscInt SceneRows::number_of(const StepEvent& event) const {
+  return row_of(event).number;
+}
+
+double SceneRows::impulse_of(const StepEvent& event) const {
+  return measure(row_of(event), event.level, event.impulse);
+}
+
+}  // namespace sweepvi
