@@ -27,6 +27,19 @@ struct StepEvent {
   double impulse;       ///< mu_{a,level}
 };
 
+/// What to make of a component where both u_i is at its bound and F_i = 0, up to rounding. Persistent contact
+/// is full of them, and the largest set of constraints in contact is the one to take.
+enum class Degenerate {
+  undecided,
+  at_bound,  ///< u_i is an output: it stays at its bound
+  off_bound  ///< u_i is a multiplier: F_i, the output, is solved for
+};
+
+/// A component counts as held at its bound when it is below this, relative to the terms of its own row. Far
+/// above what a solved row leaves (rounding), a hundredth of the certificate's tolerance, so that putting it
+/// on the bound does not show in the certificate.
+inline constexpr double held_rtol = 1e-12;
+
 /// A differential variational inequality, one step at a time: find u in the box [l, b] with
 ///
 ///     F_i(u) >= 0 where u_i = l_i,   F_i(u) <= 0 where u_i = b_i,   F_i(u) = 0 between.
@@ -57,6 +70,7 @@ public:
   /// Changes whenever `jacobian` would give other values: a factorization may be kept while it stays the
   /// same.
   virtual std::uint64_t jacobian_version() const = 0;
+  virtual Degenerate degenerate() const { return Degenerate::undecided; }
   /// Puts what is at its bound, up to rounding of its own row, exactly there: the largest active set.
   virtual void settle(Vec u) = 0;
   /// Takes u as the state at t_{k+1}. `f` is F(u).

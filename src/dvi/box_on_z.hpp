@@ -27,6 +27,9 @@ public:
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return 0; }  // constant
+  Degenerate degenerate() const override {
+    return Degenerate::at_bound;
+  }  // outputs are held where they touch
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
 

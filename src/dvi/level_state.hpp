@@ -6,11 +6,6 @@
 
 namespace sweepvi {
 
-/// A component counts as held at its bound when it is below this, relative to the terms of its own row. Far
-/// above what a solved row leaves (rounding), a hundredth of the certificate's tolerance, so that putting it
-/// on the bound does not show in the certificate.
-inline constexpr double held_rtol = 1e-12;
-
 inline double sign(Side side) {
   return static_cast<double>(side);
 }

@@ -36,6 +36,9 @@ public:
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return pinned_version_; }
+  Degenerate degenerate() const override {
+    return Degenerate::off_bound;
+  }  // outputs are held where they touch
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
 

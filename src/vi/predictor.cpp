@@ -11,12 +11,16 @@ namespace sweepvi {
 namespace {
 constexpr int most_iterations = 30;    // the sets of a step settle in a few; a cycle never does
 constexpr double refine_below = 1e-6;  // a ratio that wrong sets do not reach
+
+double sign_of(Degenerate degenerate) {
+  return degenerate == Degenerate::at_bound ? 1.0 : degenerate == Degenerate::off_bound ? -1.0 : 0.0;
+}
 }  // namespace
 
 Predictor::Predictor(Dvi& problem, Mat pattern) : problem_(problem) {
   check(MatDuplicate(pattern, MAT_COPY_VALUES, jacobian_.put()));
   check(MatSetOption(jacobian_.get(), MAT_KEEP_NONZERO_PATTERN, PETSC_TRUE));
-  for (Vector* vector : {&f_, &right_side_, &step_})
+  for (Vector* vector : {&f_, &right_side_, &step_, &terms_})
     *vector = duplicate(problem.state());
   check(KSPCreate(problem.comm(), solver_.put()));
   check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
@@ -29,15 +33,20 @@ Predictor::Predictor(Dvi& problem, Mat pattern) : problem_(problem) {
 bool Predictor::classify(Vec u, Vec lower, Vec upper) {
   const LocalRange rows = row_range(jacobian_.get());
   active_.clear();
+  problem_.row_terms(u, terms_.get());
   {
     const ReadArray x(u);
     const ReadArray residual(f_.get());
     const ReadArray l(lower);
     const ReadArray b(upper);
+    const ReadArray terms(terms_.get());
+    const double slack = held_rtol * sign_of(problem_.degenerate());
     for (PetscInt i = 0; i < x.size(); ++i) {
       const double shifted = x[i] - residual[i];
-      if (shifted <= l[i]) active_.push_back({rows.first + i, l[i]});
-      if (shifted >= b[i]) active_.push_back({rows.first + i, b[i]});
+      if (shifted <= l[i] + slack * terms[i])
+        active_.push_back({rows.first + i, l[i]});
+      else if (shifted >= b[i] - slack * terms[i])
+        active_.push_back({rows.first + i, b[i]});
     }
   }
   int changed =

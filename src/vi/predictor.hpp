@@ -13,10 +13,11 @@ namespace sweepvi {
 ///     rows with u - F <= l:  u_new = l;   with u - F >= b:  u_new = b;   the others:  F(u) + J (u_new - u) =
 ///     0,
 ///
-/// until the guess is certified or the sets repeat. Active rows become identity rows instead of being cut
-/// out, so the pattern is the same in every step: one symbolic factorization a run, a numeric one when the
-/// active set (or the Jacobian) has changed, none otherwise. Source: M. Hintermueller, K. Ito, K. Kunisch,
-/// SIAM J. Optim. 13 (2002) 865-888 (primal-dual active set strategy).
+/// until the guess is certified or the sets repeat; degenerate rows go where Dvi::degenerate says. Active
+/// rows become identity rows instead of being cut out, so the pattern is the same in every step: one symbolic
+/// factorization a run, a numeric one when the active set (or the Jacobian) has changed, none otherwise.
+/// Source: M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888 (primal-dual active set
+/// strategy).
 class Predictor {
 public:
   /// @note Collective. The linear solver reads the same options as SNES's own (-ksp_type, -pc_type, ...).
@@ -44,7 +45,7 @@ private:
   Dvi& problem_;
   Matrix jacobian_;
   LinearSolver solver_;
-  Vector f_, right_side_, step_;
+  Vector f_, right_side_, step_, terms_;
   std::vector<Bound> active_, factored_;  // of this step; of the current factorization
   std::uint64_t factored_version_ = 0;
   bool has_factor_ = false;
