@@ -13,10 +13,8 @@ namespace sweepvi::app {
 namespace {
 
 // Our defaults for objects that read the database only. MUMPS: quasi-dense AMD orders chains several times
-// faster than METIS, and the reduced-space solver has every new active set analysed again. Multipliers
-// in contact have no diagonal: MUMPS delays their pivots, and its own 20 % of spare memory is not enough.
-constexpr std::array<std::pair<const char*, const char*>, 2> defaults = {
-    {{"-mat_mumps_icntl_7", "6"}, {"-mat_mumps_icntl_14", "100"}}};
+// faster than METIS, and the reduced-space solver has every new active set analysed again.
+constexpr std::array<std::pair<const char*, const char*>, 1> defaults = {{{"-mat_mumps_icntl_7", "6"}}};
 
 // What people mostly type: a hint needs a list, and PETSc has none.
 constexpr std::array known = {"-snes_type",
