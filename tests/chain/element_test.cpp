@@ -58,7 +58,8 @@ TEST(Element, OfDegreeFiveRunsFromAScene) {
   distribute(system, degree);
 
   const TimeGrid grid{0.0, 3.0, 300};
-  const auto dvi = make_linear_dvi(system, degree, Scheme::homsp, choose_form(Scheme::homsp, degree), grid);
+  const auto dvi =
+      make_linear_dvi(system, degree, Scheme::homsp, choose_form(system, degree, Scheme::homsp), grid);
   TimeMarch march(*dvi, grid);
   PetscInt contacts = 0;
   double penetration = 0.0;
