@@ -29,12 +29,14 @@ void absolute_values(Vec from, Vec to) {
 }  // namespace
 
 BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h)
-    : LevelDvi(system, h),
+    : OutputBox(system.comm(), h),
+      system_(system),
       relative_degree_(relative_degree),
       forcing_(system, relative_degree),
       coordinates_(system, relative_degree) {
   levels_.allocate(relative_degree.degree, relative_degree.highest, system.wmax.get());
-  for (Vector* vector : {&u_, &x_, &g_old_, &g_, &c_, &rhs_, &rhs_terms_, &work_, &terms_})
+  set_places(coordinates_.positions());
+  for (Vector* vector : {&u_, &x_, &g_old_, &g_, &c_, &rhs_, &rhs_terms_, &work_})
     *vector = duplicate(system.x0.get());
   check(MatCreateVecs(relative_degree.Z.get(), nullptr, g_outputs_.put()));
   for (Vector* vector : {&g_outputs_old_, &defect_})
@@ -56,11 +58,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   coordinates_.to_u(system.x0.get(), u_.get());
   check(VecAXPY(u_.get(), 1.0, g_.get()));
   check(VecCopy(system.x0.get(), x_.get()));
-  const ReadArray u(u_.get());
-  for (std::size_t q = 0; q < levels_.z.size(); ++q)
-    levels_.z[q] = u[coordinates_.position(q)];
-  for (std::size_t a = 0; a < levels_.constraints(); ++a)
-    levels_.w[a] = levels_.z[levels_.at(a, 1)];
+  start_from(u_.get());
 }
 
 void BoxOnZ::place_forcing(double t, Vec g_x) {
@@ -69,7 +67,7 @@ void BoxOnZ::place_forcing(double t, Vec g_x) {
   const ReadArray g(g_outputs_.get());
   const WriteArray values(g_x);
   for (std::size_t q = 0; q < levels_.z.size(); ++q)
-    values[coordinates_.position(q)] = g[static_cast<PetscInt>(q)];
+    values[places_[q]] = g[static_cast<PetscInt>(q)];
 }
 
 Matrix BoxOnZ::create_jacobian() const {
@@ -94,7 +92,7 @@ void BoxOnZ::find_c(const Step& step) {
   const WriteArray c(c_.get());
   for (std::size_t a = 0; a < levels_.constraints(); ++a)
     for (int i = 1; i < levels_.levels(a); ++i)
-      c[position(a, i)] = 0.0;
+      c[place(a, i)] = 0.0;
 }
 
 // What the completion along d_{a,i}, i < r, does to levels r of other constraints and to other states.
@@ -105,14 +103,14 @@ void BoxOnZ::add_completion(const Step& step) {
     for (PetscInt place = 0; place < entries.size(); ++place)
       if (coordinates_.output_at(place) < 0) entries[place] = 0.0;
     for (std::size_t a = 0; a < levels_.constraints(); ++a)
-      entries[position(a, levels_.levels(a))] = 0.0;
+      entries[place(a, levels_.levels(a))] = 0.0;
   };
   {
     const ReadArray defect(defect_.get());
     const WriteArray placed(work_.get());
     std::fill_n(placed.data(), placed.size(), 0.0);
     for (std::size_t q = 0; q < levels_.z.size(); ++q)
-      placed[coordinates_.position(q)] = defect[static_cast<PetscInt>(q)];
+      placed[places_[q]] = defect[static_cast<PetscInt>(q)];
   }
   check(MatMult(inverse_jumps_.get(), work_.get(), rhs_.get()));
   keep_lower_levels(rhs_.get());
@@ -120,20 +118,7 @@ void BoxOnZ::add_completion(const Step& step) {
 }
 
 void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
-  levels_.apply_level_rule();
-  check(VecSet(lower, PETSC_NINFINITY));
-  check(VecSet(upper, PETSC_INFINITY));
-  {
-    const WriteArray l(lower);
-    const WriteArray b(upper);
-    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
-      for (int i = 1; i <= levels_.level[a]; ++i) {
-        const Interval box = levels_.box(a, i);
-        l[position(a, i)] = box.lower;
-        b[position(a, i)] = box.upper;
-      }
-    }
-  }
+  begin_levels(lower, upper);
   find_c(step);
   check(VecWAXPY(rhs_.get(), 1.0, u_.get(), c_.get()));
   {
@@ -166,50 +151,8 @@ void BoxOnZ::jacobian(Vec, Mat jacobian) {
   check(MatCopy(K_.get(), jacobian, SAME_NONZERO_PATTERN));
 }
 
-void BoxOnZ::settle(Vec u) {
-  row_terms(u, terms_.get());
-  const ReadArray terms(terms_.get());
-  const ReadArray old(u_.get());
-  const WriteArray values(u);
-  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
-    // Terms seen through the levels above: z_i = z_{i,k} + h z_{i+1}, where z_{i+1} is only known up to its
-    // own terms.
-    double scale = 0.0;
-    for (int i = levels_.levels(a); i >= 1; --i) {
-      const PetscInt at = position(a, i);
-      scale = i == levels_.levels(a) ? terms[at] : std::abs(old[at]) + std::abs(values[at]) + h_ * scale;
-      const Interval box = levels_.box(a, i);
-      for (const double bound : {box.upper, box.lower})
-        if (std::abs(values[at] - bound) <= held_rtol * scale) values[at] = bound;
-    }
-  }
-}
-
 void BoxOnZ::accept(Vec u, Vec f) {
-  row_terms(u, terms_.get());
-  {
-    const ReadArray terms(terms_.get());
-    const ReadArray values(u);
-    const ReadArray residual(f);
-    std::vector<double> z_new(levels_.z.size());
-    std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
-    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
-      for (int i = 1; i <= levels_.levels(a); ++i) {
-        const PetscInt at = position(a, i);
-        const double z = values[at];
-        z_new[levels_.at(a, i)] = z;
-        const Interval box = levels_.box(a, i);
-        const bool holds = (z <= box.lower && residual[at] > held_rtol * terms[at]) ||
-                           (z >= box.upper && residual[at] < -held_rtol * terms[at]);
-        if (!holds) continue;
-        const double per_measure = i == levels_.levels(a) ? relative_degree_.markov_diagonal[a] : 1.0;
-        levels_.measure(a, i) = residual[at] / per_measure;
-      }
-      levels_.w[a] = z_new[levels_.at(a, 1)];
-    }
-    levels_.advance(z_new);
-  }
-  check(VecCopy(u, u_.get()));
+  take(u, f, relative_degree_.markov_diagonal);
   check(VecWAXPY(work_.get(), -1.0, g_.get(), u));
   coordinates_.to_x(work_.get(), x_.get());
 }

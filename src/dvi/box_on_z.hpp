@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "dvi/level_dvi.hpp"
+#include "dvi/output_box.hpp"
 #include "dvi/output_coordinates.hpp"
 #include "dvi/output_forcing.hpp"
 #include "sweepvi/linear_dvi.hpp"
@@ -14,9 +14,8 @@ namespace sweepvi {
 ///     F(u) = J^{-1} [ (I - h W A W^{-1}) u - u_k - c ],
 ///
 /// J the jumps that measures cause, c the forcing, 0 on the rows of levels i < r, where AB (32) holds
-/// exactly. F on a bounded row is the measure mu_{a,i} (on level r: M_aa mu_{a,r}), so 0 <= z_{a,i} _|_
-/// mu_{a,i} >= 0 for i <= r* is the box VI itself. Source: AB (34)-(45).
-class BoxOnZ final : public LevelDvi {
+/// exactly. F on level r reads M_aa mu_{a,r}. Source: AB (34)-(45).
+class BoxOnZ final : public OutputBox {
 public:
   /// @pre  relative_degree.has_pivots, each pivot on the rank of its constraint
   BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h);
@@ -27,26 +26,22 @@ public:
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return 0; }  // constant
-  Degenerate degenerate() const override {
-    return Degenerate::at_bound;
-  }  // outputs are held where they touch
-  void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
 
 private:
   void place_forcing(double t, Vec g_x);
   void find_c(const Step& step);
   void add_completion(const Step& step);
-  PetscInt position(std::size_t a, int i) const { return coordinates_.position(levels_.at(a, i)); }
 
+  const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   OutputForcing forcing_;
   OutputCoordinates coordinates_;
-  Matrix plain_K_;                                         // I - h W A W^{-1}
-  Matrix jumps_, inverse_jumps_, abs_inverse_;             // J, J^{-1}, its absolute values; empty: identity
-  Matrix K_, abs_K_;                                       // J^{-1} plain_K_ and its absolute values
-  Vector g_outputs_old_, g_outputs_, defect_;              // layout of the outputs
-  Vector g_old_, g_, c_, rhs_, rhs_terms_, work_, terms_;  // layout of x
+  Matrix plain_K_;                                 // I - h W A W^{-1}
+  Matrix jumps_, inverse_jumps_, abs_inverse_;     // J, J^{-1}, its absolute values; empty: identity
+  Matrix K_, abs_K_;                               // J^{-1} plain_K_ and its absolute values
+  Vector g_outputs_old_, g_outputs_, defect_;      // layout of the outputs
+  Vector g_old_, g_, c_, rhs_, rhs_terms_, work_;  // layout of x
 };
 
 }  // namespace sweepvi

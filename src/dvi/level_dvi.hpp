@@ -3,19 +3,17 @@
 #include <vector>
 
 #include "dvi/level_state.hpp"
-#include "sweepvi/linear_system.hpp"
 
 namespace sweepvi {
 
-/// What the two forms of a linear system's box VI share: the system, the state and its levels, and reading
-/// them.
+/// What all processes with levels share: the state, its outputs and levels, and reading them.
 class LevelDvi : public ConstrainedDvi {
 public:
-  MPI_Comm comm() const final { return system_.comm(); }
+  MPI_Comm comm() const final { return comm_; }
   Vec state() const final { return u_.get(); }
   double penetration() const final { return levels_.penetration(comm()); }
   PetscInt active() const final { return levels_.active(); }
-  Vec x() const final { return x_.get(); }
+  Vec x() const override { return x_.get(); }
   const std::vector<double>& w() const final { return levels_.w; }
   const std::vector<double>& z() const override { return levels_.z; }
   const std::vector<double>& mu() const final { return levels_.mu; }
@@ -25,9 +23,9 @@ public:
   const std::vector<StepEvent>& events() const final { return levels_.events; }
 
 protected:
-  LevelDvi(const LinearSystem& system, double h) : system_(system), h_(h) {}
+  LevelDvi(MPI_Comm comm, double h) : comm_(comm), h_(h) {}
 
-  const LinearSystem& system_;
+  MPI_Comm comm_;
   double h_;  // [s]
   LevelState levels_;
   Vector u_, x_;  // unknowns; scene coordinates

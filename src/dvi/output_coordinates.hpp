@@ -17,8 +17,8 @@ public:
   /// @note Collective, like all methods but `position`.
   OutputCoordinates(const LinearSystem& system, const RelativeDegree& relative_degree);
 
-  /// Local place in u of a local output.
-  PetscInt position(std::size_t output) const { return position_[output]; }
+  /// Local place in u of each local output.
+  const std::vector<PetscInt>& positions() const { return position_; }
   /// The output at a local place of u, -1 for a state.
   PetscInt output_at(PetscInt place) const { return output_at_[static_cast<std::size_t>(place)]; }
 

@@ -16,7 +16,8 @@ struct PrimalDual::Blocks {
 
 PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme,
                        double t_start, double h)
-    : LevelDvi(system, h),
+    : LevelDvi(system.comm(), h),
+      system_(system),
       relative_degree_(relative_degree),
       with_levels_(scheme == Scheme::homsp && relative_degree.highest > 1),
       has_outputs_(scheme == Scheme::homsp && relative_degree.lowest > 0),

@@ -70,6 +70,7 @@ private:
     return i > 1 && levels_.side[a] == Side::upper ? -1.0 : 1.0;
   }
 
+  const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   bool with_levels_;  // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
   bool has_outputs_;  // HOMSP without D: the rows of G are the outputs

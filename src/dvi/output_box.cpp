@@ -1,0 +1,78 @@
+#include "dvi/output_box.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+void OutputBox::start_from(Vec u) {
+  terms_ = duplicate(u);
+  const ReadArray values(u);
+  for (std::size_t q = 0; q < places_.size(); ++q)
+    levels_.z[q] = values[places_[q]];
+  for (std::size_t a = 0; a < levels_.constraints(); ++a)
+    levels_.w[a] = levels_.z[levels_.at(a, 1)];
+}
+
+void OutputBox::begin_levels(Vec lower, Vec upper) {
+  levels_.apply_level_rule();
+  check(VecSet(lower, PETSC_NINFINITY));
+  check(VecSet(upper, PETSC_INFINITY));
+  const WriteArray l(lower);
+  const WriteArray b(upper);
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    for (int i = 1; i <= levels_.level[a]; ++i) {
+      const Interval box = levels_.box(a, i);
+      l[place(a, i)] = box.lower;
+      b[place(a, i)] = box.upper;
+    }
+  }
+}
+
+void OutputBox::settle(Vec u) {
+  row_terms(u, terms_.get());
+  const ReadArray terms(terms_.get());
+  const ReadArray old(u_.get());
+  const WriteArray values(u);
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    // Terms seen through the levels above: z_i = z_{i,k} + h z_{i+1}, where z_{i+1} is only known up to its
+    // own terms.
+    double scale = 0.0;
+    for (int i = levels_.levels(a); i >= 1; --i) {
+      const PetscInt at = place(a, i);
+      scale = i == levels_.levels(a) ? terms[at] : std::abs(old[at]) + std::abs(values[at]) + h_ * scale;
+      const Interval box = levels_.box(a, i);
+      for (const double bound : {box.upper, box.lower})
+        if (std::abs(values[at] - bound) <= held_rtol * scale) values[at] = bound;
+    }
+  }
+}
+
+void OutputBox::take(Vec u, Vec f, const std::vector<double>& gains) {
+  row_terms(u, terms_.get());
+  {
+    const ReadArray terms(terms_.get());
+    const ReadArray values(u);
+    const ReadArray residual(f);
+    std::vector<double> z_new(levels_.z.size());
+    std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
+    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+      for (int i = 1; i <= levels_.levels(a); ++i) {
+        const PetscInt at = place(a, i);
+        const double z = values[at];
+        z_new[levels_.at(a, i)] = z;
+        const Interval box = levels_.box(a, i);
+        const bool holds = (z <= box.lower && residual[at] > held_rtol * terms[at]) ||
+                           (z >= box.upper && residual[at] < -held_rtol * terms[at]);
+        if (holds) levels_.measure(a, i) = residual[at] / (i == levels_.levels(a) ? gains[a] : 1.0);
+      }
+      levels_.w[a] = z_new[levels_.at(a, 1)];
+    }
+    levels_.advance(z_new);
+  }
+  check(VecCopy(u, u_.get()));
+}
+
+}  // namespace sweepvi

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <vector>
+
+#include "dvi/level_dvi.hpp"
+
+namespace sweepvi {
+
+/// HOMSP where outputs are unknowns: u_{a,i} = z_{a,i} stand in the box, and F_{a,i} reads the measure
+/// mu_{a,i} (on level r: times a gain), so 0 <= z_{a,i} _|_ mu_{a,i} >= 0 for i <= r* is the box VI itself.
+class OutputBox : public LevelDvi {
+public:
+  Degenerate degenerate() const final { return Degenerate::at_bound; }  // outputs are held where they touch
+  void settle(Vec u) final;
+
+protected:
+  OutputBox(MPI_Comm comm, double h) : LevelDvi(comm, h) {}
+
+  /// @param places  local index in u of each local output, constraint by constraint, level by level
+  void set_places(std::vector<PetscInt> places) { places_ = std::move(places); }
+  PetscInt place(std::size_t a, int i) const { return places_[levels_.at(a, i)]; }
+
+  /// Reads outputs and constraint values of the initial state.
+  void start_from(Vec u);
+  /// Level rule, and the box it makes of the step.
+  void begin_levels(Vec lower, Vec upper);
+  /// Takes the settled u with F = f. @param gains  F on level r over mu, per constraint
+  void take(Vec u, Vec f, const std::vector<double>& gains);
+
+  std::vector<PetscInt> places_;
+
+private:
+  Vector terms_;
+};
+
+}  // namespace sweepvi
