@@ -3,13 +3,36 @@
 #include <mpi.h>
 
 #include <cstddef>
-#include <limits>
+#include <numeric>
 #include <type_traits>
 #include <vector>
 
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
+
+/// An MPI type of so many bytes, for one scope.
+class Contiguous {
+public:
+  explicit Contiguous(std::size_t size) {
+    MPI_Type_contiguous(static_cast<int>(size), MPI_BYTE, &type_);
+    MPI_Type_commit(&type_);
+  }
+  ~Contiguous() { MPI_Type_free(&type_); }
+  Contiguous(const Contiguous&) = delete;
+  Contiguous& operator=(const Contiguous&) = delete;
+  MPI_Datatype get() const { return type_; }
+
+private:
+  MPI_Datatype type_ = MPI_DATATYPE_NULL;
+};
+
+/// Where pieces of these sizes start when they stand one after the other.
+inline std::vector<int> starts_of_pieces(const std::vector<int>& counts) {
+  std::vector<int> starts(counts.size());
+  std::exclusive_scan(counts.begin(), counts.end(), starts.begin(), 0);
+  return starts;
+}
 
 /// All ranks' entries, in rank order, on rank 0 (empty elsewhere). T is trivially copyable.
 /// @note Collective.
@@ -20,22 +43,52 @@ std::vector<T> gather(MPI_Comm comm, const std::vector<T>& mine) {
   int size = 1;
   MPI_Comm_rank(comm, &rank);
   MPI_Comm_size(comm, &size);
-  MPI_Datatype type = MPI_DATATYPE_NULL;
-  MPI_Type_contiguous(static_cast<int>(sizeof(T)), MPI_BYTE, &type);
-  MPI_Type_commit(&type);
+  const Contiguous type(sizeof(T));
   const int count = static_cast<int>(mine.size());
   std::vector<int> counts(static_cast<std::size_t>(size));
   MPI_Gather(&count, 1, MPI_INT, counts.data(), 1, MPI_INT, 0, comm);
-  std::vector<int> starts(static_cast<std::size_t>(size), 0);
-  std::size_t total = 0;
-  for (std::size_t i = 0; i < counts.size(); ++i) {
-    starts[i] = static_cast<int>(total);
-    total += static_cast<std::size_t>(counts[i]);
-  }
-  std::vector<T> all(rank == 0 ? total : 0);
-  MPI_Gatherv(mine.data(), count, type, all.data(), counts.data(), starts.data(), type, 0, comm);
-  MPI_Type_free(&type);
+  const std::vector<int> starts = starts_of_pieces(counts);
+  std::vector<T> all(rank == 0 ? static_cast<std::size_t>(starts.back() + counts.back()) : 0);
+  MPI_Gatherv(mine.data(), count, type.get(), all.data(), counts.data(), starts.data(), type.get(), 0, comm);
   return all;
+}
+
+/// Cuts rank 0's vector into pieces of these sizes (on rank 0 only), one for each rank. T is trivially
+/// copyable.
+/// @note Collective.
+template <class T>
+std::vector<T> scatter(MPI_Comm comm, const std::vector<T>& all, const std::vector<int>& counts) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  int count = 0;
+  MPI_Scatter(counts.data(), 1, MPI_INT, &count, 1, MPI_INT, 0, comm);
+  const std::vector<int> starts = starts_of_pieces(counts);
+  std::vector<T> mine(static_cast<std::size_t>(count));
+  const Contiguous type(sizeof(T));
+  MPI_Scatterv(all.data(), counts.data(), starts.data(), type.get(), mine.data(), count, type.get(), 0, comm);
+  return mine;
+}
+
+/// Sends `to[rank]` to each rank; returns what the ranks sent to this one, in rank order. T is trivially
+/// copyable.
+/// @note Collective.
+template <class T>
+std::vector<T> all_to_all(MPI_Comm comm, const std::vector<std::vector<T>>& to) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  std::vector<T> send;
+  std::vector<int> send_counts;
+  for (const std::vector<T>& piece : to) {
+    send.insert(send.end(), piece.begin(), piece.end());
+    send_counts.push_back(static_cast<int>(piece.size()));
+  }
+  std::vector<int> receive_counts(to.size());
+  MPI_Alltoall(send_counts.data(), 1, MPI_INT, receive_counts.data(), 1, MPI_INT, comm);
+  const std::vector<int> send_starts = starts_of_pieces(send_counts);
+  const std::vector<int> receive_starts = starts_of_pieces(receive_counts);
+  std::vector<T> received(static_cast<std::size_t>(receive_starts.back() + receive_counts.back()));
+  const Contiguous type(sizeof(T));
+  MPI_Alltoallv(send.data(), send_counts.data(), send_starts.data(), type.get(), received.data(),
+                receive_counts.data(), receive_starts.data(), type.get(), comm);
+  return received;
 }
 
 /// Rank 0's vector on every rank. @note Collective.
@@ -45,11 +98,8 @@ void broadcast(MPI_Comm comm, std::vector<T>& values) {
   std::size_t size = values.size();
   MPI_Bcast(&size, sizeof size, MPI_BYTE, 0, comm);
   values.resize(size);
-  MPI_Datatype type = MPI_DATATYPE_NULL;
-  MPI_Type_contiguous(static_cast<int>(sizeof(T)), MPI_BYTE, &type);
-  MPI_Type_commit(&type);
-  MPI_Bcast(values.data(), static_cast<int>(size), type, 0, comm);
-  MPI_Type_free(&type);
+  const Contiguous type(sizeof(T));
+  MPI_Bcast(values.data(), static_cast<int>(size), type.get(), 0, comm);
 }
 
 struct Triplet {
