@@ -164,7 +164,7 @@ std::vector<PetscInt> outputs_of(const RelativeDegree& relative_degree, const Ro
 /// Opposite rows follow the constraint they were merged into.
 std::vector<OppositeRow> moved(const std::vector<OppositeRow>& opposite, std::size_t constraints,
                                const RowMove& move) {
-  std::vector<OppositeRow> of_constraint(constraints, {.constraint = -1, .number = -1});
+  std::vector<OppositeRow> of_constraint(constraints, OppositeRow{-1, -1, 1.0, 1.0});
   for (const OppositeRow& row : opposite)
     of_constraint[static_cast<std::size_t>(row.constraint)] = row;
   of_constraint = move.moved(of_constraint);
