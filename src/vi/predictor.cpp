@@ -77,13 +77,15 @@ bool Predictor::advance(Vec u) {
     for (const Bound& bound : active_)
       right[bound.row - first] = bound.value - x[bound.row - first];
   }
-  check(KSPSolve(solver_.get(), right_side_.get(), step_.get()));
-  KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
-  check(KSPGetConvergedReason(solver_.get(), &reason));
-  if (reason < 0) {
-    has_factor_ = false;
-    check(KSPReset(solver_.get()));  // MUMPS's factor object does not recover from a singular matrix
+  for (bool again = true; again;) {
+    check(KSPSolve(solver_.get(), right_side_.get(), step_.get()));
+    KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
+    check(KSPGetConvergedReason(solver_.get(), &reason));
+    if (reason > 0) break;
+    again = recover(solver_.get());
     check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
+    if (again) continue;
+    has_factor_ = false;
     return false;
   }
   check(VecAXPY(u, 1.0, step_.get()));

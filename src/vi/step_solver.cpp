@@ -266,9 +266,9 @@ PetscInt StepSolver::attempt(bool other_type, bool cold, std::string& reason) {
   SNESConvergedReason outcome = SNES_CONVERGED_ITERATING;
   check(SNESGetConvergedReason(snes, &outcome));
   if (outcome == SNES_DIVERGED_LINEAR_SOLVE) {
-    KSP ksp = nullptr;  // MUMPS's factor object does not recover from a singular matrix
+    KSP ksp = nullptr;
     check(SNESGetKSP(snes, &ksp));
-    check(KSPReset(ksp));
+    if (recover(ksp)) return iterations + attempt(other_type, cold, reason);
   }
   return iterations;
 }
