@@ -125,17 +125,14 @@ void ZdBox::make_linearisation() {
   linearised_.w0 = make_vector(comm(), count);
 
   Matrix A = companion(values.get());
-  coupled_ = true;
   update_jumps(Matrix::share(A.get()));
   coupled_ = static_cast<bool>(inverse_jumps_);
   pattern_ = make_K(A.get());
 }
 
 void ZdBox::update_jumps(Matrix A) {
-  abs_A_ = absolute_copy(A.get());
   inverse_jumps_ = Matrix{};
   abs_inverse_ = Matrix{};
-  if (!coupled_) return;
   linearised_.A = std::move(A);
   const RelativeDegree degree = analyse_relative_degree(linearised_);
   const OutputCoordinates coordinates(linearised_, degree);
@@ -170,8 +167,28 @@ void ZdBox::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   t_new_ = step.t_new;
   ++version_;
   begin_levels(lower, upper);
-  update_jumps(companion(derivative_.evaluate(t_new_, u_.get())));
+  Matrix A = companion(derivative_.evaluate(t_new_, u_.get()));
+  abs_A_ = absolute_copy(A.get());
+  if (coupled_ && may_impact()) update_jumps(std::move(A));
   check(VecCopy(u_.get(), guess));
+}
+
+// Whether a measure below level r can come up in this step: some z_1 is so near its bound that the higher
+// levels could take it there, with room to spare. Elsewhere, and in resting contact, only level r acts; it
+// jumps nothing but its own output, and any J will do.
+bool ZdBox::may_impact() const {
+  constexpr double room = 4.0;
+  int near = 0;
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    double reach = 0.0;
+    for (int i = levels_.levels(a); i > 1; --i)
+      reach = h_ * (std::abs(levels_.z[levels_.at(a, i)]) + reach);
+    const double z1 = levels_.z[levels_.at(a, 1)];
+    const double gap = std::min(z1, levels_.upper[a] - z1);
+    if (gap < room * reach || gap < 0.0) near = 1;
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &near, 1, MPI_INT, MPI_LOR, comm());
+  return near != 0;
 }
 
 void ZdBox::find_rates(Vec u, Vec rates) {

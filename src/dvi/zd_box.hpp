@@ -32,6 +32,7 @@ private:
   void check_levels() const;
   void make_linearisation();
   Matrix companion(Mat user) const;
+  bool may_impact() const;
   void update_jumps(Matrix A);
   Matrix make_K(Mat A) const;
   void find_rates(Vec u, Vec rates);
@@ -46,7 +47,7 @@ private:
   std::vector<double> gains_;
   LinearSystem linearised_;             // A = df/du; its B and C are unit columns and rows
   bool coupled_ = false;                // some measure jumps more than its own output
-  Matrix inverse_jumps_, abs_inverse_;  // of this step; empty: identity
+  Matrix inverse_jumps_, abs_inverse_;  // J^{-1}; empty: identity
   Matrix abs_A_;                        // |df/du| at the start of the step
   Matrix pattern_;                      // of dF/du
   Vector rates_, work_;
