@@ -66,6 +66,9 @@ public:
   virtual void residual(Vec u, Vec f) = 0;
   /// Sum of the absolute values of the terms of each row of F: what its residual is judged against.
   virtual void row_terms(Vec u, Vec terms) = 0;
+  /// terms = |dF/du| terms: what rows know of the terms of the unknowns they read. An unknown that is zero in
+  /// exact arithmetic is only known up to those. Returns false where that has no meaning.
+  virtual bool spread_terms(Vec) { return false; }
   virtual void jacobian(Vec u, Mat jacobian) = 0;
   /// Changes whenever `jacobian` would give other values: a factorization may be kept while it stays the
   /// same.

@@ -40,6 +40,9 @@ struct StepReport {
 ///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for
 ///     all i.
 ///
+/// A row whose unknowns all vanish in exact arithmetic consists of residue; only there, where a row fails
+/// otherwise, a tenth of the terms of the unknowns it reads counts as its own.
+///
 /// SNES stops when the certificate is met at `target`, or stops improving below 1e-12; its own tolerances do
 /// not enter. A predictor guesses the solution first (src/vi/predictor.hpp); where it is right, SNES accepts
 /// it at iteration 0. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the
@@ -85,6 +88,7 @@ private:
   bool predict();
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
+  double ratio_against(Vec u, Vec terms);
   PetscInt attempt(bool other_type, bool cold, std::string& reason);
 
   Dvi& problem_;
@@ -95,7 +99,7 @@ private:
   PredictorOptions predictor_options_;
   Matrix jacobian_;
   std::unique_ptr<Predictor> predictor_;
-  Vector u_, f_, lower_, upper_, guess_, terms_, settled_;
+  Vector u_, f_, lower_, upper_, guess_, terms_, spread_, settled_;
   double sigma_ = 1.0;  // SNES works on sigma u and sigma F
   Vector snes_f_, snes_lower_, snes_upper_, unscaled_;
   double previous_ratio_ = 0.0;

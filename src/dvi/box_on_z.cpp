@@ -147,6 +147,12 @@ void BoxOnZ::row_terms(Vec u, Vec terms) {
   check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
 }
 
+bool BoxOnZ::spread_terms(Vec terms) {
+  check(MatMult(abs_K_.get(), terms, work_.get()));
+  check(VecCopy(work_.get(), terms));
+  return true;
+}
+
 void BoxOnZ::jacobian(Vec, Mat jacobian) {
   check(MatCopy(K_.get(), jacobian, SAME_NONZERO_PATTERN));
 }

@@ -327,11 +327,8 @@ void PrimalDual::row_terms(Vec u, Vec terms) {
   check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
   if (with_levels_) {
     check(VecCopy(terms, inherited_.get()));
-    for (int i = 1; i < relative_degree_.highest; ++i) {
-      clear_multipliers(inherited_.get());
-      check(MatMult(abs_K_.get(), inherited_.get(), work_.get()));
-      check(VecCopy(work_.get(), inherited_.get()));
-    }
+    for (int i = 1; i < relative_degree_.highest; ++i)
+      spread_terms(inherited_.get());
     clear_multipliers(inherited_.get());
     check(VecAXPY(terms, 0.1, inherited_.get()));
   }
@@ -341,6 +338,13 @@ void PrimalDual::row_terms(Vec u, Vec terms) {
     const PetscInt row = local_x_ + static_cast<PetscInt>(q);
     if (pinned(q)) result[row] = std::abs(values[row]);
   }
+}
+
+bool PrimalDual::spread_terms(Vec terms) {
+  clear_multipliers(terms);
+  check(MatMult(abs_K_.get(), terms, work_.get()));
+  check(VecCopy(work_.get(), terms));
+  return true;
 }
 
 void PrimalDual::clear_multipliers(Vec u) const {

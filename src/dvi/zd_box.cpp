@@ -226,6 +226,15 @@ void ZdBox::row_terms(Vec u, Vec terms) {
   if (inverse_jumps_) check(MatMult(abs_inverse_.get(), plain, terms));
 }
 
+bool ZdBox::spread_terms(Vec terms) {
+  check(MatMult(abs_A_.get(), terms, work_.get()));
+  check(VecAXPY(terms, h_, work_.get()));
+  if (!inverse_jumps_) return true;
+  check(MatMult(abs_inverse_.get(), terms, work_.get()));
+  check(VecCopy(work_.get(), terms));
+  return true;
+}
+
 void ZdBox::jacobian(Vec u, Mat jacobian) {
   const Matrix K = make_K(companion(derivative_.evaluate(t_new_, u)).get());
   check(MatZeroEntries(jacobian));

@@ -22,6 +22,7 @@ public:
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
+  bool spread_terms(Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }  // kept within a step
   void accept(Vec u, Vec f) override;
