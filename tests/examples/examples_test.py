@@ -185,7 +185,7 @@ class Examples(unittest.TestCase):
         self.promised(name, "250 unknowns", "52 contacts", "2 elements twice")
         for ranks in (1, 2):
             result = self.run_example(name, ranks=ranks)
-            gallery.audit_jerk(result, coupling=0.5)
+            gallery.audit_jerk(result, 0.5 * gallery.laplacian(50))
             self.assertEqual(result.summary["unknowns"], 250)
             self.assertEqual(result.summary["max_penetration"], 0.0)
             per_element = np.bincount(result.contacts()["constraint"], minlength=50)
@@ -196,10 +196,68 @@ class Examples(unittest.TestCase):
         name = "jerk_chain/scene.toml --set model.count=2 --set time.step=1e-3 --set output.every=1"
         self.promised(name, "2.1728766024319735")
         result = self.run_example(name)
-        gallery.audit_jerk(result, coupling=0.5)
+        gallery.audit_jerk(result, 0.5 * gallery.laplacian(2))
         first = result.contacts()[0]
         self.assertEqual(first["constraint"], 1)
         self.assertLessEqual(abs(first["t"] - 2.1728766024319735), 2 * result.h)
+
+    # ---- jerk_lattice, forced_chain -----------------------------------------------------------------
+
+    def test_jerk_lattice(self):
+        name = "jerk_lattice/scene.toml"
+        self.promised(name, "2880 unknowns", "580 contacts", "four corners at 2.18 s", "4.98 s to 5.52 s", "6.58 s")
+        self.assertEqual(self.examples[name].ranks, 2)
+        runs = [self.run_example(name, ranks=ranks) for ranks in (2, 1)]
+        np.testing.assert_allclose(runs[0].x, runs[1].x, atol=1e-12)
+        for result in runs:
+            self.assertEqual(result.summary["unknowns"], 2880)
+            states = result.x.reshape(-1, 24, 24, 5)
+            for mirrored in (states[:, ::-1], states[:, :, ::-1], states.swapaxes(1, 2)):
+                np.testing.assert_allclose(states, mirrored, atol=1e-12)
+            contacts = result.contacts()
+            per_element = np.bincount(contacts["constraint"], minlength=576)
+            self.assertEqual(np.flatnonzero(per_element == 2).tolist(), [0, 23, 552, 575])
+            self.assertEqual((per_element.sum(), per_element.min(), len(result.lift_offs())), (580, 1, 580))
+            self.assertEqual(sorted(contacts["constraint"][:4]), [0, 23, 552, 575])
+            self.assertAlmostEqual(contacts["t"][0], 2.18)
+            full = result.t[(result.w == 0).all(axis=1)]
+            np.testing.assert_allclose([full[0], full[-1], result.events["t"][-1]], [4.98, 5.52, 6.58])
+
+    def test_jerk_lattice_row_by_row(self):
+        name = "jerk_lattice/scene.toml --set model.count=30 --set model.shape=[6,5]"
+        for ranks in (1, 2):
+            result = self.run_example(name, ranks=ranks)
+            self.assertEqual(result.summary["unknowns"], 150)
+            gallery.audit_jerk(result, gallery.laplacian(6, 5), a=(-1, -2, -2))
+            self.assertGreaterEqual(len(result.contacts()), 30)
+
+    def test_forced_chain(self):
+        name, alone = "forced_chain/scene.toml", "forced_chain/scene.toml --set model.coupling=0"
+        delay, omega = 0.2 * np.arange(20), 2 * np.pi / 8
+        self.promised(name, "element 10 at 8.70 s", "element 0 at 6.08 s", "element 19 after 6.12 s, at 9.92 s")
+        self.promised(alone, "6.70 s", "6.730562171244")
+        results = {}
+        for run, coupling in ((name, 0.5), (alone, 0.0)):
+            result = results[run] = self.run_example(run)
+            force = np.sin(omega * (result.t[:, None] - delay))
+            gallery.audit_jerk(result, coupling * gallery.laplacian(20), force=force)
+            off, down = result.lift_offs(), result.contacts()
+            first = lambda events, i: events["t"][events["constraint"] == i][0]
+            for i in range(20):
+                self.assertLess(abs(first(off, i) - delay[i]), 1.01 * result.h)
+            for i, t in ((10, 8.70), (0, 6.08), (19, 9.92)) if coupling else ((0, 6.70),):
+                self.assertAlmostEqual(first(down, i), t)
+        result, late = results[alone], 10  # steps from one element to the next
+        for i in range(20):
+            np.testing.assert_allclose(result.w[late * i :, i], result.w[: len(result.t) - late * i, 0], atol=1e-12)
+        free = np.zeros((7, 7))  # z1, z2, z3, xi1, xi2, sin, cos
+        free[:5, :5] = gallery.jerk_matrix(np.zeros((1, 1)))
+        free[2, 5] = 1
+        free[5, 6], free[6, 5] = omega, -omega
+        flying = exponential(free, 1.0) @ [0, 0, 0, 0, 0, 0, 1]
+        exact = 1.0 + first_root(free, flying, lambda s: s[0], 10.0)[0]
+        self.assertAlmostEqual(exact, 6.730562171244, delta=1e-11)
+        self.assertLessEqual(abs(exact - 6.70), 2 * result.h)
 
     # ---- all ----------------------------------------------------------------------------------------
 
@@ -214,6 +272,8 @@ class Examples(unittest.TestCase):
             ("diode_ladder/scene.toml", "homsp", 8 + 7),  # diodes share capacitors: a current each
             ("diode_ladder/isotonic.toml", "homsp", 8 + 7),
             ("jerk_chain/scene.toml", "homsp", 5 * 2000),
+            ("jerk_lattice/scene.toml", "homsp", 5 * 576),
+            ("forced_chain/scene.toml", "homsp", 5 * 20),
         ):
             path = gallery.EXAMPLES / scene
             outcome = program.run("check", str(path), "--set", f"time.scheme={scheme}")
@@ -221,7 +281,7 @@ class Examples(unittest.TestCase):
             self.assertRegex(outcome.out, rf"(?m)^unknowns +{expected} ", f"{scene}, {scheme}")
 
     def test_no_example_is_forgotten(self):
-        checks = Path(__file__).read_text() + Path(__file__).with_name("jerk_chain_full_test.py").read_text()
+        checks = "".join(path.read_text() for path in Path(__file__).parent.glob("*_test.py"))
         for name, example in self.examples.items():
             self.assertIn(example.scene.removeprefix("examples/"), checks, f"no check of {name}")
 

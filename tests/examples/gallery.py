@@ -91,33 +91,37 @@ def run(folder, example, *more, ranks=None, timeout=100):
         )  # fmt: skip
 
 
-def jerk_matrix(count, coupling):
-    """A of a chain of jerk elements with fixed ends, states element by element."""
-    A = np.zeros((5 * count, 5 * count))
-    for i in range(0, 5 * count, 5):
-        A[i, i + 1] = A[i + 1, i + 2] = A[i + 3, i + 4] = 1
-        A[i + 2, [i, i + 1, i + 2, i + 4]] = [-1 - 2 * coupling, -1, -1, 1]
-        A[i + 4, [i, i + 3]] = [1, -1]
-        for j in (i - 5, i + 5):
-            if 0 <= j < 5 * count:
-                A[i + 2, j] = coupling
+def laplacian(n, *more):
+    """S of a chain (n) or a lattice (nx, ny; element i = ix + nx iy) with coupling 1 and fixed ends."""
+    chain = np.eye(n, k=1) + np.eye(n, k=-1) - 2 * np.eye(n)
+    return np.kron(np.eye(*more), chain) + np.kron(laplacian(*more), np.eye(n)) if more else chain
+
+
+def jerk_matrix(S, a=(-1, -1, -1)):
+    """A of jerk elements coupled by S, states element by element."""
+    element = np.array([[0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [*a, 0, 1], [0, 0, 0, 0, 1], [1, 0, 0, -1, 0]])
+    A = np.kron(np.eye(len(S)), element)
+    A[2::5, ::5] += S
     return A
 
 
-def audit_jerk(result, coupling=0.0):
-    """Checks every recorded step against AB (32)-(45), read as conditions on z and mu alone.
+def audit_jerk(result, S=None, a=(-1, -1, -1), force=0.0):
+    """Checks every recorded step against AB (32)-(45), read as conditions on z and mu alone; `force` like w.
 
     The step's problem has exactly one solution, so a z and mu that satisfy it are the scheme's, however found. Rounding
     is judged against the terms of each row, with the 1e-12 below which the program puts outputs on their bound.
     """
     count = result.w.shape[1]
-    A, h = jerk_matrix(count, coupling), result.h
+    A, h = jerk_matrix(np.zeros((count, count)) if S is None else S, a), result.h
+    force = np.broadcast_to(force, result.w.shape)
     x = result.x.reshape(len(result.t), count, 5)
     worst = 0.0
     for k in range(len(result.t) - 1):
         z, z_new, mu, level = result.z[k], result.z[k + 1], result.mu[k + 1], result.level[k + 1]
         rate = (A @ result.x[k + 1]).reshape(count, 5)
         size = (abs(A) @ abs(result.x[k + 1])).reshape(count, 5)
+        rate[:, 2] += force[k + 1]
+        size[:, 2] += abs(force).max()  # a sine is rounded relative to its amplitude
         defect = x[k + 1] - x[k] - h * rate
         terms = abs(x[k + 1]) + abs(x[k]) + h * size
         defect[:, :2] = z_new[:, :2] - z[:, :2] - h * z_new[:, 1:]
