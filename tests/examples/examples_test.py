@@ -259,6 +259,49 @@ class Examples(unittest.TestCase):
         self.assertAlmostEqual(exact, 6.730562171244, delta=1e-11)
         self.assertLessEqual(abs(exact - 6.70), 2 * result.h)
 
+    # ---- flexible_chain -----------------------------------------------------------------------------
+
+    def test_flexible_chain(self):
+        name = "flexible_chain/scene.toml"
+        self.promised(name, "1.103 s to 1.835 s", "0.00122", "0.143")
+        result = self.run_example(name)
+        np.testing.assert_allclose(result.events["t"][[0, -1]], [1.103, 1.835], atol=2.1 * result.h)
+        x = result.x.reshape(-1, 50, 4)  # q p q' p'
+        rest = result.t > 1.84
+        np.testing.assert_allclose(x[rest], np.broadcast_to([0, 0.1, 0, 0], x[rest].shape), atol=1e-13)
+        np.testing.assert_allclose(result.mu[rest, :, 3] / result.h, 1, rtol=1e-10)
+        hit = result.mu[1:].any(axis=2)
+        moves = abs(np.diff(x[:, :, 1], axis=0))
+        self.assertLess(moves[~hit].max(), 0.00122)
+        self.assertLessEqual(moves[~hit].max(), result.h * abs(x[:, :, 3]).max() * (1 + 1e-9))
+        self.assertAlmostEqual(moves[hit].max(), 0.143, delta=0.0005)
+
+    def test_flexible_single(self):
+        name = "flexible_chain/single.toml"
+        reference = json.loads((gallery.REFERENCE / "flexible_N1_events.json").read_text())["events"]
+        bounce, stay = (float(event["t"]) for event in reference)
+        self.assertAlmostEqual(bounce, 0.915099007954486, delta=1e-14)
+        self.assertAlmostEqual(stay, 0.992485474415426, delta=1e-14)
+        jump_q = float(reference[0]["multiplier_jumps"][1])
+        jump_p = float(reference[1]["multiplier_jumps"][2]) / 10  # q'' = 10 (p - q) + ..., q held
+        self.promised(name, "0.915099007954486", "0.992485474415426", f"{jump_q:.6f}", f"{jump_p:.6f}")
+        self.promised(name, "0.9152 s", "0.9918 s", "0.5194", "0.675", "0.0272")
+        result = self.run_example(name)
+        h, times = result.h, result.contacts()["t"]
+        np.testing.assert_allclose(times, [0.9152, 0.9917], atol=0.1 * h)  # the measures of levels > 1 act a step later
+        self.assertLessEqual(abs(times[0] - bounce), 2 * h)
+        self.assertLessEqual(abs(times[1] - stay), 8 * h)
+        at = np.rint(times / h).astype(int) + 1
+        for k, level, mu_2, p, dp in ((at[0], 2, 0.5194, 0.0, 0.675), (at[1], 4, 0.0051, 0.0272, 0.559)):
+            before, after = result.x[k - 1], result.x[k]
+            self.assertEqual(np.flatnonzero(result.mu[k, 0])[-1] + 1, level)
+            self.assertAlmostEqual(result.mu[k, 0, 1], mu_2, delta=1e-4)
+            self.assertAlmostEqual(after[1] - before[1], p, delta=1e-4)
+            self.assertAlmostEqual(after[3] - before[3], dp, delta=1e-3)
+        self.assertAlmostEqual(jump_p, 0.0272, delta=0.0005)
+        np.testing.assert_allclose(result.x[at[1] :], np.broadcast_to([0, 0.1, 0, 0], result.x[at[1] :].shape), atol=1e-14)
+        np.testing.assert_allclose(result.mu[at[1] + 1 :, 0, 3] / h, 1, rtol=1e-11)
+
     # ---- all ----------------------------------------------------------------------------------------
 
     def test_each_scene_gets_only_the_unknowns_it_needs(self):
@@ -274,6 +317,7 @@ class Examples(unittest.TestCase):
             ("jerk_chain/scene.toml", "homsp", 5 * 2000),
             ("jerk_lattice/scene.toml", "homsp", 5 * 576),
             ("forced_chain/scene.toml", "homsp", 5 * 20),
+            ("flexible_chain/scene.toml", "homsp", 4 * 50),
         ):
             path = gallery.EXAMPLES / scene
             outcome = program.run("check", str(path), "--set", f"time.scheme={scheme}")
