@@ -302,6 +302,13 @@ class Examples(unittest.TestCase):
         np.testing.assert_allclose(result.x[at[1] :], np.broadcast_to([0, 0.1, 0, 0], result.x[at[1] :].shape), atol=1e-14)
         np.testing.assert_allclose(result.mu[at[1] + 1 :, 0, 3] / h, 1, rtol=1e-11)
 
+    # ---- falling_column -----------------------------------------------------------------------------
+
+    def test_falling_column(self):
+        name = "falling_column/scene.toml --set model.count=200 --set time.end=4.6"
+        self.promised(name, "4.4833 s", "h (200 - i)", "920")
+        gallery.audit_column(self.run_example(name), 200, 4.6)
+
     # ---- all ----------------------------------------------------------------------------------------
 
     def test_each_scene_gets_only_the_unknowns_it_needs(self):
@@ -318,6 +325,7 @@ class Examples(unittest.TestCase):
             ("jerk_lattice/scene.toml", "homsp", 5 * 576),
             ("forced_chain/scene.toml", "homsp", 5 * 20),
             ("flexible_chain/scene.toml", "homsp", 4 * 50),
+            ("falling_column/scene.toml", "homsp", 2 * (1000 + 1000)),  # contacts share balls: measures of two levels
         ):
             path = gallery.EXAMPLES / scene
             outcome = program.run("check", str(path), "--set", f"time.scheme={scheme}")

@@ -137,3 +137,19 @@ def audit_jerk(result, S=None, a=(-1, -1, -1), force=0.0):
         assert (mu[~acts] == 0).all() and (mu >= 0).all(), f"step {k + 1}: measures"
         assert (z_new[acts] >= 0).all() and (mu * z_new == 0).all(), f"step {k + 1}: complementarity"
     assert worst < 1e-12, f"equations hold only to {worst:.2g} of their terms"
+
+
+def audit_column(result, count, end):
+    """Checks the closed form in the header of falling_column."""
+    h, i = result.h, np.arange(count)
+    landing = np.sqrt(2 * (0.1 + 0.05 * i))
+    contacts = result.contacts()
+    assert sorted(contacts["constraint"]) == list(i) and len(result.lift_offs()) == 0
+    late = abs(contacts["t"] - landing[contacts["constraint"]]) / h
+    assert late.max() <= 0.5 * (1 + 1e-6), f"a landing is {late.max():.3f} steps off"
+    assert (result.w[-1] == 0).all() and (result.z[-1] == 0).all()
+    # All that follows is of the size of the column's weight or length, which rounding is judged by.
+    close = lambda found, wanted, size: np.testing.assert_allclose(found, wanted, atol=1e-12 * size)
+    close(result.x[-1], [*i, *(0 * i)], count)
+    close(result.mu[-1, :, 1], h * (count - i), h * count)
+    close(result.mu[:, 0, 1].sum(), count * end, count * end)
