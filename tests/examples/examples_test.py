@@ -309,6 +309,45 @@ class Examples(unittest.TestCase):
         self.promised(name, "4.4833 s", "h (200 - i)", "920")
         gallery.audit_column(self.run_example(name), 200, 4.6)
 
+    # ---- two_walls ----------------------------------------------------------------------------------
+
+    def test_two_walls(self):
+        name = "two_walls/scene.toml"
+        phi = 2.0  # phi - sin phi = 1, by Newton
+        for _ in range(10):
+            phi -= (phi - np.sin(phi) - 1) / (1 - np.cos(phi))
+        speed = 2 * np.pi * (1 - np.cos(phi))
+        self.promised(name, f"exact {speed:.4f}", "2.1158", "1.1158", "-5.443", "8.532")
+        header = (gallery.EXAMPLES / name).read_text()
+        self.assertIn("phi = 1.9345632107520243", header)
+        self.assertIn("0.6157905954298255 s after", header)
+        self.assertAlmostEqual(phi, 1.9345632107520243, delta=1e-14)
+        self.assertAlmostEqual(phi / np.pi, 0.6157905954298255, delta=1e-15)
+        result = self.run_example(name)
+        h, t = result.h, result.t
+        self.assertEqual(result.summary["unknowns"], 2)
+        closing = np.array([1 / 3, *(0.5 + np.arange(3) + phi / np.pi)])
+        np.testing.assert_allclose(result.contacts()["t"], closing, atol=2 * h)
+        np.testing.assert_allclose(result.lift_offs()["t"], np.arange(4) + 0.5, atol=2 * h)
+        blows = result.events["impulse"][(result.events["kind"] == 0) & (result.events["level"] == 2)]
+        np.testing.assert_allclose(blows, [-5.443, 8.532, -8.532, 8.532], atol=5e-4)
+        np.testing.assert_allclose(blows, [-np.sqrt(3) * np.pi, speed, -speed, speed], atol=15 * h)
+        self.assertTrue((result.w >= 0).all() and (result.w <= 2).all())
+        held = (result.x[1:, 1] == 0) & (result.x[:-1, 1] == 0) & (result.level[1:, 0] == 2)
+        force = 2 * np.pi**2 * np.cos(np.pi * t)
+        np.testing.assert_allclose(result.mu[1:, 0, 1][held], -h * force[1:][held], atol=1e-15)
+        upper = result.w[:, 0] == 2
+        self.assertTrue((result.mu[upper] <= 0).all() and (result.mu[result.w[:, 0] == 0] >= 0).all())
+
+        rows = self.run_example("two_walls/rows.toml")
+        self.assertEqual(rows.summary["unknowns"], 2)
+        np.testing.assert_array_equal(rows.x, result.x)
+        np.testing.assert_array_equal(rows.mu[:, 0] - rows.mu[:, 1], result.mu[:, 0])
+        self.assertTrue((rows.mu >= 0).all() and (rows.mu.min(axis=1) == 0).all())
+        np.testing.assert_allclose(rows.w.sum(axis=1), 2, atol=1e-15)
+        out = program.run("check", gallery.EXAMPLES / "two_walls/rows.toml").out
+        self.assertRegex(out, r"(?m)^two-sided +1 constraint, .* two opposite rows of the scene")
+
     # ---- all ----------------------------------------------------------------------------------------
 
     def test_each_scene_gets_only_the_unknowns_it_needs(self):
@@ -326,6 +365,7 @@ class Examples(unittest.TestCase):
             ("forced_chain/scene.toml", "homsp", 5 * 20),
             ("flexible_chain/scene.toml", "homsp", 4 * 50),
             ("falling_column/scene.toml", "homsp", 2 * (1000 + 1000)),  # contacts share balls: measures of two levels
+            ("two_walls/rows.toml", "homsp", 2),
         ):
             path = gallery.EXAMPLES / scene
             outcome = program.run("check", str(path), "--set", f"time.scheme={scheme}")
