@@ -348,6 +348,40 @@ class Examples(unittest.TestCase):
         out = program.run("check", gallery.EXAMPLES / "two_walls/rows.toml").out
         self.assertRegex(out, r"(?m)^two-sided +1 constraint, .* two opposite rows of the scene")
 
+    # ---- shared_input -------------------------------------------------------------------------------
+
+    def test_shared_input(self):
+        name = "shared_input/scene.toml"
+        scaled = f"{name} --set model.B=[[0,0],[0,0],[1,0],[0,0],[0,0],[0,1]]"
+        self.promised(name, "12 unknowns", "1.047 s", "1.731", "0.500", "0.0029", "1.5707", "1.570737")
+        self.promised(scaled, "6 unknowns")
+        result = self.run_example(name)
+        h, t, a, b = result.h, result.t, result.x[:, :3], result.x[:, 3:]
+        self.assertEqual(result.summary["unknowns"], 12)
+        self.assertEqual((len(result.contacts()), len(result.lift_offs())), (1, 0))
+        self.assertAlmostEqual(result.contacts()["t"][0], 1.047)
+        self.assertLess(abs(np.pi / 3 - 1.047), h)
+        self.assertFalse(result.mu[:, 1].any())
+        blow = np.flatnonzero(result.mu[:, 0, 1])
+        self.assertEqual(len(blow), 1)
+        np.testing.assert_allclose(result.mu[blow[0], 0], [0, 1.731, 0.5], atol=5e-4)
+        np.testing.assert_allclose(result.mu[blow[0], 0], [0, np.sqrt(3), 0.5], atol=2 * h)
+        np.testing.assert_allclose(result.mu[blow[0] + 1 :, 0, 2], h / 2, rtol=1e-10)
+        after = slice(blow[0], None)
+        exact = np.column_stack([1.5 + np.cos(t), -np.sin(t), -np.cos(t)])
+        self.assertLess(abs(b - exact)[after].max(), 0.0029)
+        at = np.rint(1.5 / h).astype(int)
+        self.assertAlmostEqual(b[at, 0], 1.5707, delta=5e-5)
+        self.assertAlmostEqual(exact[at, 0], 1.570737, delta=5e-7)
+        A = np.array([[0, 1, 0], [0, 0, 1], [-1, -1, -1]])
+        y = a + 2 * b
+        np.testing.assert_allclose(np.diff(y, axis=0), h * (y[1:] @ A.T + [0, 0, -1 + 2 * 2]), atol=1e-14)
+
+        result = self.run_example(scaled)
+        self.assertEqual(result.summary["unknowns"], 6)
+        np.testing.assert_array_equal(result.x[:, 3:], np.broadcast_to([2, 0, 0], result.x[:, 3:].shape))
+        np.testing.assert_allclose(result.mu[-1, 0, 2] / h, 1, rtol=1e-10)
+
     # ---- all ----------------------------------------------------------------------------------------
 
     def test_each_scene_gets_only_the_unknowns_it_needs(self):
@@ -366,6 +400,7 @@ class Examples(unittest.TestCase):
             ("flexible_chain/scene.toml", "homsp", 4 * 50),
             ("falling_column/scene.toml", "homsp", 2 * (1000 + 1000)),  # contacts share balls: measures of two levels
             ("two_walls/rows.toml", "homsp", 2),
+            ("shared_input/scene.toml", "homsp", 6 + 6),
         ):
             path = gallery.EXAMPLES / scene
             outcome = program.run("check", str(path), "--set", f"time.scheme={scheme}")
