@@ -23,7 +23,7 @@ std::string timestamp() {
 }
 
 void describe(TableFile& file, MPI_Comm comm, const std::string& title, const std::string& scene,
-              const std::string& started) {
+              const Overrides& overrides, const std::string& started) {
   int ranks = 1;
   MPI_Comm_size(comm, &ranks);
   std::array<char, 256> host{};
@@ -33,6 +33,10 @@ void describe(TableFile& file, MPI_Comm comm, const std::string& title, const st
   file.attribute("format_version", 1);
   file.attribute("title", title);
   file.attribute("scene", scene);
+  std::string changes;  // a line each
+  for (const auto& [key, value] : overrides)
+    changes += key + "=" + value + "\n";
+  file.attribute("overrides", changes);
   file.attribute("options", options);
   check(PetscFree(options));
   file.attribute("sweepvi_version", std::string(config::version));

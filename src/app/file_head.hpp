@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "io/scene.hpp"
 #include "io/table_file.hpp"
 
 namespace sweepvi::app {
@@ -13,8 +14,9 @@ namespace sweepvi::app {
 std::string timestamp();
 
 /// The root attributes every result has: what made it, from what, where, when. @note Collective.
+/// @param overrides  what `--set` changed in the scene
 void describe(TableFile& file, MPI_Comm comm, const std::string& title, const std::string& scene,
-              const std::string& started);
+              const Overrides& overrides, const std::string& started);
 
 /// A file of the command line and what it is called there.
 struct NamedPath {

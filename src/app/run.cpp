@@ -47,13 +47,13 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
 
   if (line.summary) check_writable(comm, *line.summary, true);
   Recorder recorder(path, line.force, model.scene.output, time, model.system, model.relative_degree, *dvi);
-  describe(recorder.file(), comm, model.scene.title, model.scene.text, started);
+  describe(recorder.file(), comm, model.scene.title, model.scene.text, line.overrides, started);
   recorder.file().attribute("scheme", name_of(time.scheme));
   recorder.file().attribute("step", time.step);
   recorder.file().attribute("status", "running");
 
   Summary summary;
-  summary.constraints = model.system.constraints();
+  summary.constraints = model.system.scene_constraints();
   summary.edge_cut = model.system.edge_cut;
   summary.count_jacobian(march.solver().jacobian());
   SNESType snes_type = nullptr;
@@ -110,8 +110,9 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   summary.write(comm, line.summary);
 
   if (rank == 0) {
-    fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraints, {:.3g} s\n", path, summary.steps,
-               time.step, summary.unknowns, name_of(form), summary.constraints, summary.seconds_total);
+    fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraint{}, {:.3g} s\n", path, summary.steps,
+               time.step, summary.unknowns, name_of(form), summary.constraints,
+               summary.constraints == 1 ? "" : "s", summary.seconds_total);
     fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
                summary.max_residual, summary.max_penetration, summary.snes_iterations);
   }

@@ -52,7 +52,7 @@ void record(MPI_Comm comm, const std::string& path, bool overwrite, const Proble
   std::copy_n(values.data(), values.size(), file.real(1));
   std::copy_n(residual.data(), residual.size(), file.real(2));
   file.commit_row();
-  describe(file, comm, "", problem.text, started);
+  describe(file, comm, "", problem.text, {}, started);
   file.attribute("status", status);
   file.attribute("finished", timestamp());
   file.finish();
