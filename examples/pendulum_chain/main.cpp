@@ -11,6 +11,10 @@
 //         mpirun -n 2 example_pendulum_chain -count 100
 //         example_pendulum_chain -finite_differences       (instead of the Jacobian)
 //         example_pendulum_chain -steps_per_second 1000    (100 by default)
+// Expect: the Jacobian agrees with finite differences to 1e-7. A pendulum alone hits the wall at t = 0.578894
+// (exact),
+//         stopped by mu_2 and mu_3, and leaves it again; w = 0.168121 at t = 1 (exact), found with an error
+//         of .034, .0035, .00035 at 100, 1000, 10000 steps per second: first order.
 
 #include <cstdio>
 
