@@ -115,6 +115,30 @@ TEST_F(SceneTest, LinearSceneIsKeptOnRankZero) {
   EXPECT_EQ(model.f[1].frequency, 3.0);
 }
 
+TEST_F(SceneTest, UpperLimitsAreKeptUnlessAllAreInfinite) {
+  struct Case {
+    const char* value;
+    std::vector<double> expected;
+  };
+  const Case cases[] = {{"inf", {}},           {"[inf]", {}},    {"3", {3.0}},
+                        {"[2.5]", {2.5}},      {"+inf", {}},     {"1e-300", {1e-300}}};
+  for (const Case& c : cases) {
+    const Scene scene = read(linear + "wmax = " + c.value + "\n");
+    const auto& model = std::get<LinearSpec>(scene.model);
+    EXPECT_EQ(model.wmax, is_root() ? c.expected : std::vector<double>{}) << c.value;
+  }
+  EXPECT_TRUE(std::get<LinearSpec>(read(linear).model).wmax.empty());
+  // A number is for all constraints, a list for each.
+  const std::string two = times + "[model]\nkind = \"linear\"\nA = [[0, 1], [0, 0]]\nB = [[0, 1], [1, 0]]\n" +
+                          "C = [[1, 0], [0, 1]]\n" + start;
+  const double inf = std::numeric_limits<double>::infinity();
+  const Case pairs[] = {{"4", {4.0, 4.0}}, {"[inf, 4]", {inf, 4.0}}, {"[inf, inf]", {}}};
+  for (const Case& c : pairs) {
+    const Scene scene = read(two + "wmax = " + c.value + "\n");
+    EXPECT_EQ(std::get<LinearSpec>(scene.model).wmax, is_root() ? c.expected : std::vector<double>{}) << c.value;
+  }
+}
+
 TEST_F(SceneTest, StepsHitTheEnd) {
   struct Case {
     const char *start, *end, *step;
@@ -256,7 +280,12 @@ TEST_F(SceneTest, ComplaintsSayWhereAndWhat) {
       {linear + "w0 = [1, 2]\n", "model.w0 has 2 entries; expected m = 1"},
       {times + ball + "x0 = [1, 2, 3]\n", "scene.toml:9:6: model.x0 has 3 entries; expected n = 2"},
       {linear + "wmax = [inf, inf]\n", "model.wmax has 2 entries; expected m = 1"},
-      {linear + "wmax = nan\n", "model.wmax = nan"},
+      {linear + "wmax = nan\n", "scene.toml:10:8: model.wmax = nan"},
+      {linear + "wmax = [nan]\n", "model.wmax[0] = nan"},
+      {linear + "wmax = [-inf]\n", "model.wmax"},
+      {linear + "wmax = 0\n", "scene.toml:10:8: model.wmax has the entry 0; expected more than 0"},
+      {linear + "wmax = [-2.5]\n", "model.wmax has the entry -2.5; expected more than 0"},
+      {linear + "wmax = \"far\"\n", "model.wmax = \"far\""},
       // files
       {linear + "D = \"none.mtx\"\n", "scene.toml:10:5: model.D: none.mtx"},
       {linear + "D = \"D.csv\"\n", "model.D = \"D.csv\"; expected a MatrixMarket file"},
@@ -294,8 +323,6 @@ TEST_F(SceneTest, ComplaintsSayWhereAndWhat) {
       {times + "[model]\nkind = \"chain\"\nelement = \"wall\"\ncount = 3\n",
        "scene.toml:4:1: model.e = 0.5 unless the scene says otherwise; the scheme \"homsp\" takes"},
       {chain + "count = 3\ncoupling = \"K.mtx\"\n", "scene.toml:8:12: model.coupling: K.mtx"},
-      {linear + "wmax = [3]\n", "model.wmax is not built yet; available: inf"},
-      {linear + "wmax = 3\n", "model.wmax is not built yet; available: inf"},
       {linear + "[output]\ncheckpoint = 60\n", "output.checkpoint = 60 s is not built yet; available: 0"},
   };
   for (const Case& c : cases)
