@@ -120,8 +120,8 @@ TEST_F(SceneTest, UpperLimitsAreKeptUnlessAllAreInfinite) {
     const char* value;
     std::vector<double> expected;
   };
-  const Case cases[] = {{"inf", {}},           {"[inf]", {}},    {"3", {3.0}},
-                        {"[2.5]", {2.5}},      {"+inf", {}},     {"1e-300", {1e-300}}};
+  const Case cases[] = {{"inf", {}},      {"[inf]", {}}, {"3", {3.0}},
+                        {"[2.5]", {2.5}}, {"+inf", {}},  {"1e-300", {1e-300}}};
   for (const Case& c : cases) {
     const Scene scene = read(linear + "wmax = " + c.value + "\n");
     const auto& model = std::get<LinearSpec>(scene.model);
@@ -135,7 +135,8 @@ TEST_F(SceneTest, UpperLimitsAreKeptUnlessAllAreInfinite) {
   const Case pairs[] = {{"4", {4.0, 4.0}}, {"[inf, 4]", {inf, 4.0}}, {"[inf, inf]", {}}};
   for (const Case& c : pairs) {
     const Scene scene = read(two + "wmax = " + c.value + "\n");
-    EXPECT_EQ(std::get<LinearSpec>(scene.model).wmax, is_root() ? c.expected : std::vector<double>{}) << c.value;
+    EXPECT_EQ(std::get<LinearSpec>(scene.model).wmax, is_root() ? c.expected : std::vector<double>{})
+        << c.value;
   }
 }
 
