@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import program
 from program_test import InFolder
 
-S, T = 2.5, 0.4  # row b reads -S times what row a reads; its input is -T times that of row a
+S, T = 2.5, 0.3  # row b reads -S times what row a reads; its input is -T times that of row a. S is not 1 / T, which measures scale by.
 STEPS, END = 240, 12.0
 H = END / STEPS
 

@@ -1,4 +1,4 @@
-// timeout: 240
+// timeout: 300
 // Two-sided constraints, 0 <= w <= wmax: mirror symmetry, exact impact times, walls passed in one step,
 // degrees 0 and 1 with D, and the three schemes.
 #include <gtest/gtest.h>
