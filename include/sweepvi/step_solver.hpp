@@ -40,8 +40,8 @@ struct StepReport {
 ///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for
 ///     all i.
 ///
-/// A row whose unknowns all vanish in exact arithmetic consists of residue; only there, where a row fails
-/// otherwise, a tenth of the terms of the unknowns it reads counts as its own.
+/// A row without bounds whose unknowns all vanish in exact arithmetic consists of residue; only there, where
+/// it fails otherwise, a tenth of the terms of the unknowns it reads counts as its own.
 ///
 /// SNES stops when the certificate is met at `target`, or stops improving below 1e-12; its own tolerances do
 /// not enter. A predictor guesses the solution first (src/vi/predictor.hpp); where it is right, SNES accepts
@@ -88,6 +88,7 @@ private:
   bool predict();
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
+  void add_spread();
   double ratio_against(Vec u, Vec terms);
   PetscInt attempt(bool other_type, bool cold, std::string& reason);
 

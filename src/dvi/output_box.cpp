@@ -34,7 +34,6 @@ void OutputBox::begin_levels(Vec lower, Vec upper) {
 void OutputBox::settle(Vec u) {
   row_terms(u, terms_.get());
   const ReadArray terms(terms_.get());
-  const ReadArray old(u_.get());
   const WriteArray values(u);
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
     // Terms seen through the levels above: z_i = z_{i,k} + h z_{i+1}, where z_{i+1} is only known up to its
@@ -42,7 +41,7 @@ void OutputBox::settle(Vec u) {
     double scale = 0.0;
     for (int i = levels_.levels(a); i >= 1; --i) {
       const PetscInt at = place(a, i);
-      scale = i == levels_.levels(a) ? terms[at] : std::abs(old[at]) + std::abs(values[at]) + h_ * scale;
+      scale = terms[at] + h_ * scale;
       const Interval box = levels_.box(a, i);
       for (const double bound : {box.upper, box.lower})
         if (std::abs(values[at] - bound) <= held_rtol * scale) values[at] = bound;
