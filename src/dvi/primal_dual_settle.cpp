@@ -1,0 +1,186 @@
+// How PrimalDual puts held outputs exactly on their bounds. Separate from primal_dual.cpp, which makes and
+// solves the problem.
+
+#include "dvi/primal_dual.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+// How well each output is known: the terms of the rows of x it is made of, |Z| T + |g|, and the next level's
+// own uncertainty through z_i = z_{i,k} + h z_{i+1}. Zx + g alone would not do: in contact all of Z x may be
+// residue.
+void PrimalDual::find_output_scale(Vec u) {
+  row_terms(u, terms_.get());
+  clear_multipliers(terms_.get());
+  check(MatMult(abs_K_.get(), terms_.get(), work_.get()));
+  const ReadArray spread(work_.get());
+  const ReadArray g(g_.get());
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    double above = 0.0;
+    for (int i = levels_.levels(a); i >= 1; --i) {
+      const std::size_t q = levels_.at(a, i);
+      const auto local = static_cast<PetscInt>(q);
+      above = spread[local_x_ + local] + std::abs(g[local]) + h_ * above;
+      output_scale_[q] = above;
+    }
+  }
+}
+
+// Which outputs stand at a bound of the step, up to rounding; their values, exact where held.
+void PrimalDual::find_held(Vec u) {
+  find_output_scale(u);
+  evaluate(u, work_.get());
+  const ReadArray output(work_.get());
+  for (std::size_t q = 0; q < settled_z_.size(); ++q) {
+    const double z = output[local_x_ + static_cast<PetscInt>(q)];
+    held_[q] = !pinned(q) && std::abs(z) <= held_rtol * output_scale_[q] ? 1 : 0;
+    settled_z_[q] = held_[q] != 0 ? 0.0 : z;
+  }
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
+    const std::size_t a = upper_walls_[k];
+    const std::size_t q = levels_.at(a, 1);
+    const double gap = output[local_x_ + upper_at(k)];
+    at_upper_[k] = std::abs(gap) <= held_rtol * (output_scale_[q] + levels_.upper[a]) ? 1 : 0;
+    if (at_upper_[k] == 0) continue;
+    held_[q] = 1;
+    settled_z_[q] = levels_.upper[a];
+  }
+}
+
+// In persistent contact outputs and the measures below level r are zero in exact arithmetic; what the solver
+// leaves of them is residue. It must not be handed on: a later step, whose terms may be far smaller, would
+// take it for an output that is honestly open, and rows made of residue alone could never be certified. So
+// held outputs are put on their bound in x too, and their measures below level r follow from AB (32).
+void PrimalDual::settle(Vec u) {
+  find_held(u);
+  {
+    const WriteArray values(u);
+    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+      for (int i = 1; i <= levels_.levels(a); ++i) {
+        const std::size_t q = levels_.at(a, i);
+        double& nu = values[local_x_ + static_cast<PetscInt>(q)];
+        const double away = orientation(a, i) * settled_z_[q];
+        const double push = orientation(a, i) * nu;
+        if (pinned(q) || (away > 0.0 && away > push) || push < 0.0) nu = 0.0;
+      }
+    }
+    for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
+      double& nu = values[local_x_ + upper_at(k)];
+      const double gap = levels_.upper[upper_walls_[k]] - settled_z_[levels_.at(upper_walls_[k], 1)];
+      if ((gap > 0.0 && gap > nu) || nu < 0.0) nu = 0.0;
+    }
+  }
+  if (!with_levels_) return;
+  if (any_mixed_) project_held(u);
+  put_unit_outputs(u);
+  recover_lower_measures(u);
+}
+
+// x -= sum d_{a,i} (z_{a,i} - bound) over the held outputs; twice, for what one of them leaves in another.
+void PrimalDual::project_held(Vec u) {
+  for (int pass = 0; pass < 2; ++pass) {
+    evaluate(u, work_.get());
+    {
+      const ReadArray output(work_.get());
+      const WriteArray residue(defect_.get());
+      for (std::size_t q = 0; q < held_.size(); ++q) {
+        const auto local = static_cast<PetscInt>(q);
+        residue[local] = held_[q] != 0 ? output[local_x_ + local] : 0.0;
+      }
+      for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+        if (at_upper_[k] != 0)
+          residue[static_cast<PetscInt>(levels_.at(upper_walls_[k], 1))] = -output[local_x_ + upper_at(k)];
+    }
+    check(MatMultTranspose(relative_degree_.directions.get(), defect_.get(), shift_.get()));
+    const ReadArray shift(shift_.get());
+    const WriteArray values(u);
+    for (PetscInt i = 0; i < local_x_; ++i)
+      values[i] -= shift[i];
+  }
+}
+
+// Held outputs that are single states: exactly on the bound.
+void PrimalDual::put_unit_outputs(Vec u) {
+  SparseRow remote;
+  {
+    const ReadArray g(g_.get());
+    const WriteArray values(u);
+    for (std::size_t q = 0; q < held_.size(); ++q) {
+      if (held_[q] == 0 || unit_scale_[q] == 0.0) continue;
+      const double on_bound = (settled_z_[q] - g[static_cast<PetscInt>(q)]) / unit_scale_[q];
+      if (unit_state_[q] >= 0) values[unit_state_[q]] = on_bound;
+      if (unit_remote_[q] >= 0) remote.emplace_back(unit_remote_[q], on_bound);
+    }
+  }
+  if (!any_remote_) return;
+  for (const auto& [unknown, value] : remote)
+    check(VecSetValue(u, unknown, value, INSERT_VALUES));
+  check(VecAssemblyBegin(u));
+  check(VecAssemblyEnd(u));
+}
+
+// The multipliers of all outputs, those of upper walls subtracted.
+void PrimalDual::find_net_multipliers(Vec u, std::vector<double>& net) const {
+  const ReadArray values(u);
+  net.assign(values.data() + local_x_, values.data() + local_x_ + levels_.z.size());
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+    net[levels_.at(upper_walls_[k], 1)] -= values[local_x_ + upper_at(k)];
+}
+
+// mu_i = z_{i,k+1} - z_{i,k} - h z_{i+1,k+1} - (what other constraints' measures do to z_i), i < r, where z_i
+// is held.
+void PrimalDual::recover_lower_measures(Vec u) {
+  check(VecSet(defect_.get(), 0.0));
+  if (cross_) {
+    find_net_multipliers(u, net_);
+    {
+      const WriteArray measures(output_g_old_.get());
+      for (std::size_t q = 0; q < net_.size(); ++q)
+        measures[static_cast<PetscInt>(q)] = std::abs(net_[q]) > held_rtol * output_scale_[q] ? net_[q] : 0.0;
+    }
+    check(MatMult(cross_.get(), output_g_old_.get(), defect_.get()));
+  }
+  const ReadArray cross(defect_.get());
+  const WriteArray values(u);
+  const std::vector<double>& z = settled_z_;
+  const auto jump = [&](std::size_t q) {
+    return z[q] - levels_.z[q] - h_ * z[q + 1] - cross[static_cast<PetscInt>(q)];
+  };
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    for (int i = 1; i < levels_.levels(a) && i <= levels_.level[a]; ++i) {
+      const std::size_t q = levels_.at(a, i);
+      if (held_[q] == 0 || (i == 1 && z[q] > 0.0)) continue;
+      const double direction = orientation(a, i);
+      values[local_x_ + static_cast<PetscInt>(q)] = direction * std::max(0.0, direction * jump(q));
+    }
+  }
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+    if (at_upper_[k] != 0 && levels_.levels(upper_walls_[k]) > 1)
+      values[local_x_ + upper_at(k)] = std::max(0.0, -jump(levels_.at(upper_walls_[k], 1)));
+}
+
+void PrimalDual::accept(Vec u, Vec) {
+  find_held(u);
+  find_net_multipliers(u, net_);
+  {
+    const ReadArray values(u);
+    const WriteArray x(x_.get());
+    std::copy_n(values.data(), local_x_, x.data());
+  }
+  std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    for (int i = 1; i <= levels_.levels(a); ++i) {
+      const std::size_t q = levels_.at(a, i);
+      levels_.measure(a, i) = measure_per_nu_[q] * net_[q];
+    }
+    levels_.w[a] = settled_z_[levels_.at(a, 1)];
+  }
+  levels_.advance(settled_z_);
+  check(VecCopy(u, u_.get()));
+}
+
+}  // namespace sweepvi
