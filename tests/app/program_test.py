@@ -444,7 +444,7 @@ class Recording(InFolder):
                 np.testing.assert_allclose(arrays["x"][:, 0], exact, atol=1e-14)
                 np.testing.assert_allclose(arrays["w"], np.column_stack([exact, 1.5 - exact]), atol=1e-14)
                 # Opposite rows are one constraint with two walls, whose output is the state itself: a box on z.
-                self.assertEqual((summary["unknowns"], summary["constraints"]), (1, 1))
+                self.assertEqual((summary["unknowns"], summary["constraints"]), (1, 2))
 
     def test_solve_with_more_ranks_than_unknowns(self):
         problem = self.write("[problem]\nM = [[2]]\nq = [-1]\n")
