@@ -42,7 +42,9 @@ constexpr std::array known = {"-snes_type",
                               "-malloc_dump",
                               "-options_left",
                               "-sweepvi_certificate_rtol",
-                              "-sweepvi_target_rtol"};
+                              "-sweepvi_target_rtol",
+                              "-sweepvi_predictor",
+                              "-sweepvi_form"};
 
 bool is_name(const std::string& word) {
   return word.size() > 1 && word[0] == '-' && std::isdigit(static_cast<unsigned char>(word[1])) == 0 &&

@@ -63,7 +63,8 @@ struct ZdJacobian::Colouring {
     check(MatFDColoringCreate(pattern, colours, &differences));
     check(MatFDColoringSetFunction(
         differences, reinterpret_cast<DifferencesCallback>(reinterpret_cast<void (*)()>(function)), this));
-    // One colour at a time: PETSc 3.18 finds its block size per rank, dividing by the rows of ranks that have none.
+    // One colour at a time: PETSc 3.18 finds its block size per rank, dividing by the rows of ranks that have
+    // none.
     PetscInt rows = 0;
     check(MatGetLocalSize(pattern, &rows, nullptr));
     check(MatFDColoringSetBlockSize(differences, std::max<PetscInt>(rows, 1), 1));

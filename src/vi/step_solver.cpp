@@ -236,21 +236,25 @@ double StepSolver::worst_ratio(Vec u) {
       if (!problem_.spread_terms(spread_.get())) return worst;
     add_spread();
     const double spread = ratio_against(u, terms_.get());
-    const bool residue = spread < 0.5 * worst;
+    const bool better = spread < 0.5 * worst;
     worst = std::min(worst, spread);
-    if (!residue || worst <= certificate_.target) break;
+    if (!better || worst <= certificate_.target) break;
   }
   return worst;
 }
 
 // Only where there are no bounds: what is left of an output that is held must not pass for an open one.
 void StepSolver::add_spread() {
+  constexpr double residue =
+      1e-12;  // own terms that much smaller than those it reads are no more than rounding
   const ReadArray spread(spread_.get());
   const ReadArray l(lower_.get());
   const ReadArray b(upper_.get());
   const WriteArray terms(terms_.get());
-  for (PetscInt i = 0; i < terms.size(); ++i)
-    if (l[i] <= PETSC_NINFINITY && b[i] >= PETSC_INFINITY) terms[i] += 0.1 * spread[i];
+  for (PetscInt i = 0; i < terms.size(); ++i) {
+    const bool bounded = l[i] > PETSC_NINFINITY || b[i] < PETSC_INFINITY;
+    if (!bounded && terms[i] < residue * spread[i]) terms[i] = 0.1 * spread[i];
+  }
 }
 
 double StepSolver::ratio_against(Vec u, Vec row_terms) {
