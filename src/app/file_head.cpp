@@ -35,7 +35,7 @@ void describe(TableFile& file, MPI_Comm comm, const std::string& title, const st
   file.attribute("scene", scene);
   std::string changes;  // a line each
   for (const auto& [key, value] : overrides)
-    changes += key + "=" + value + "\n";
+    changes.append(key).append("=").append(value).append("\n");
   file.attribute("overrides", changes);
   file.attribute("options", options);
   check(PetscFree(options));

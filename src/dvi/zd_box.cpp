@@ -10,13 +10,16 @@
 
 namespace sweepvi {
 
-ZdBox::ZdBox(const ZdSystem& system, const TimeGrid& grid)
-    : OutputBox(PetscObjectComm(reinterpret_cast<PetscObject>(system.initial_state().get())), grid.h()),
+ZdBox::ZdBox(const ZdSystem& system, const TimeGrid& grid) : ZdBox(system, grid, system.initial_state()) {}
+
+// The communicator is that of the state, and lives as long.
+ZdBox::ZdBox(const ZdSystem& system, const TimeGrid& grid, Vector state)
+    : OutputBox(PetscObjectComm(reinterpret_cast<PetscObject>(state.get())), grid.h()),
       system_(system),
       constraints_(system.constraints()),
       derivative_(system),
       t_new_(grid.start) {
-  u_ = system.initial_state();
+  u_ = std::move(state);
   rates_ = duplicate(u_.get());
   work_ = duplicate(u_.get());
   agreed(comm(), [&] { check_levels(); });
@@ -127,7 +130,7 @@ void ZdBox::make_linearisation() {
   Matrix A = companion(values.get());
   update_jumps(Matrix::share(A.get()));
   coupled_ = static_cast<bool>(inverse_jumps_);
-  pattern_ = make_K(A.get());
+  pattern_ = newton_matrix(A.get());
 }
 
 void ZdBox::update_jumps(Matrix A) {
@@ -143,7 +146,7 @@ void ZdBox::update_jumps(Matrix A) {
 }
 
 // J^{-1} (I - h A)
-Matrix ZdBox::make_K(Mat A) const {
+Matrix ZdBox::newton_matrix(Mat A) const {
   RowBuilder rows;
   for_each_row(A, [&](PetscInt row, auto columns, auto values) {
     rows.add(row, 1.0);
@@ -236,7 +239,7 @@ bool ZdBox::spread_terms(Vec terms) {
 }
 
 void ZdBox::jacobian(Vec u, Mat jacobian) {
-  const Matrix K = make_K(companion(derivative_.evaluate(t_new_, u)).get());
+  const Matrix K = newton_matrix(companion(derivative_.evaluate(t_new_, u)).get());
   check(MatZeroEntries(jacobian));
   for_each_row(K.get(), [&](PetscInt row, auto columns, auto values) {
     check(MatSetValues(jacobian, 1, &row, static_cast<PetscInt>(columns.size()), columns.data(),

@@ -29,13 +29,14 @@ public:
   Vec x() const override { return u_.get(); }
 
 private:
+  ZdBox(const ZdSystem& system, const TimeGrid& grid, Vector state);
   void allocate();
   void check_levels() const;
   void make_linearisation();
   Matrix companion(Mat user) const;
   bool may_impact() const;
   void update_jumps(Matrix A);
-  Matrix make_K(Mat A) const;
+  Matrix newton_matrix(Mat A) const;
   void find_rates(Vec u, Vec rates);
   void find_gains(Vec u);
 

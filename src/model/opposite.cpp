@@ -193,6 +193,7 @@ void merge_opposite_constraints(LinearSystem& system) {
   if (mergers.empty()) return;
 
   std::vector<PetscInt> merged;
+  merged.reserve(mergers.size());
   for (const Merger& merger : mergers)
     merged.push_back(merger.merged);
   std::sort(merged.begin(), merged.end());
