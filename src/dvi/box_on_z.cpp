@@ -9,18 +9,6 @@ namespace sweepvi {
 
 namespace {
 
-// I - h rates, with every diagonal entry in the pattern.
-Matrix implicit_euler(Mat rates, double h) {
-  RowBuilder rows;
-  for_each_row(rates, [&](PetscInt row, auto columns, auto values) {
-    rows.add(row, 1.0);
-    for (std::size_t k = 0; k < columns.size(); ++k)
-      rows.add(columns[k], -h * values[k]);
-    rows.end_row();
-  });
-  return rows.finish(PetscObjectComm(reinterpret_cast<PetscObject>(rates)), row_range(rates).size());
-}
-
 void absolute_values(Vec from, Vec to) {
   check(VecCopy(from, to));
   check(VecAbs(to));

@@ -7,6 +7,17 @@
 
 namespace sweepvi {
 
+Matrix implicit_euler(Mat rates, double h) {
+  RowBuilder rows;
+  for_each_row(rates, [&](PetscInt row, auto columns, auto values) {
+    rows.add(row, 1.0);
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      rows.add(columns[k], -h * values[k]);
+    rows.end_row();
+  });
+  return rows.finish(PetscObjectComm(reinterpret_cast<PetscObject>(rates)), row_range(rates).size());
+}
+
 void OutputBox::start_from(Vec u) {
   terms_ = duplicate(u);
   const ReadArray values(u);

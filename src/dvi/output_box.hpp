@@ -6,6 +6,9 @@
 
 namespace sweepvi {
 
+/// I - h rates, with every diagonal entry in the pattern. @note Collective.
+Matrix implicit_euler(Mat rates, double h);
+
 /// HOMSP where outputs are unknowns: u_{a,i} = z_{a,i} stand in the box, and F_{a,i} reads the measure
 /// mu_{a,i} (on level r: times a gain), so 0 <= z_{a,i} _|_ mu_{a,i} >= 0 for i <= r* is the box VI itself.
 class OutputBox : public LevelDvi {

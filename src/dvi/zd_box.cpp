@@ -147,14 +147,7 @@ void ZdBox::update_jumps(Matrix A) {
 
 // J^{-1} (I - h A)
 Matrix ZdBox::newton_matrix(Mat A) const {
-  RowBuilder rows;
-  for_each_row(A, [&](PetscInt row, auto columns, auto values) {
-    rows.add(row, 1.0);
-    for (std::size_t k = 0; k < columns.size(); ++k)
-      rows.add(columns[k], -h_ * values[k]);
-    rows.end_row();
-  });
-  Matrix K = rows.finish(comm(), row_range(A).size());
+  Matrix K = implicit_euler(A, h_);
   return inverse_jumps_ ? multiply(inverse_jumps_.get(), K.get()) : std::move(K);
 }
 
