@@ -6,17 +6,10 @@
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/linear_system.hpp"
 #include "sweepvi/relative_degree.hpp"
+#include "sweepvi/scheme.hpp"
 #include "sweepvi/time_grid.hpp"
 
 namespace sweepvi {
-
-/// How a linear system is discretised.
-enum class Scheme {
-  homsp,       ///< higher order Moreau sweeping process, AB (34)-(45)
-  zd_euler,    ///< backward Euler on the zero-dynamics form, AB (63); shown because it fails for r > 1
-  naive_euler  ///< backward Euler on x, AB (47); shown because it fails for r > 1
-};
-const char* name_of(Scheme scheme);
 
 /// Which of the two forms of the same box VI a linear system is solved in.
 enum class Form {
@@ -38,7 +31,8 @@ std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& r
 /// @note Collective on the system's communicator.
 Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme);
 
-/// Discretises `system` on `grid`. `system` and `relative_degree` must outlive the result.
+/// Discretises `system` on `grid` by homsp, zd_euler or naive_euler. `system` and `relative_degree` must
+/// outlive the result.
 /// @note Collective on the system's communicator.
 std::unique_ptr<ConstrainedDvi> make_linear_dvi(const LinearSystem& system,
                                                 const RelativeDegree& relative_degree, Scheme scheme,

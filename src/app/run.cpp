@@ -1,14 +1,13 @@
 #include <fmt/format.h>
 #include <algorithm>
 
+#include "app/case.hpp"
 #include "app/file_head.hpp"
 #include "app/options.hpp"
-#include "app/prepare.hpp"
 #include "app/progress.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
 #include "io/recorder.hpp"
-#include "sweepvi/linear_dvi.hpp"
 #include "sweepvi/time_march.hpp"
 
 namespace sweepvi::app {
@@ -34,27 +33,27 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   const std::string started = timestamp();
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
-  Prepared model = prepare(comm, line);
-  const TimeSpec& time = model.scene.time;
-  const std::string path = line.output.value_or(model.scene.output.file);
+  Scene scene = load(comm, line);
+  const TimeSpec& time = scene.time;
+  const std::string path = line.output.value_or(scene.output.file);
   check_distinct(comm,
                  {{"the scene", line.scene}, {"the output", path}, {"--summary", line.summary.value_or("")}});
 
-  const Form form = choose_form(model.system, model.relative_degree, time.scheme);
-  const auto dvi = make_linear_dvi(model.system, model.relative_degree, time.scheme, form, time.grid());
-  TimeMarch march(*dvi, time.grid());
+  const auto model = make_case(comm, scene);
+  const Dvi& dvi = model->dvi();
+  TimeMarch march(model->dvi(), time.grid());
   if (line.help_requested) return ExitCode::done;  // the objects have printed their options
 
   if (line.summary) check_writable(comm, *line.summary, true);
-  Recorder recorder(path, line.force, model.scene.output, time, model.system, model.relative_degree, *dvi);
-  describe(recorder.file(), comm, model.scene.title, model.scene.text, line.overrides, started);
+  Recorder recorder(path, line.force, time, scene.output.every, dvi, model->recording(scene.output));
+  describe(recorder.file(), comm, scene.title, scene.text, line.overrides, started);
   recorder.file().attribute("scheme", name_of(time.scheme));
   recorder.file().attribute("step", time.step);
   recorder.file().attribute("status", "running");
 
   Summary summary;
-  summary.constraints = model.system.scene_constraints();
-  summary.edge_cut = model.system.edge_cut;
+  summary.constraints = model->constraints();
+  summary.edge_cut = model->edge_cut();
   summary.count_jacobian(march.solver().jacobian());
   SNESType snes_type = nullptr;
   check(SNESGetType(march.solver().snes(), &snes_type));
@@ -74,10 +73,8 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
       summary.snes_iterations += step_report.iterations;
       summary.predictor_hits += step_report.predicted ? 1 : 0;
       summary.max_residual = std::max(summary.max_residual, step_report.residual);
-      summary.max_penetration = std::max(summary.max_penetration, dvi->penetration());
-      int contact_changes = 0;
-      for (const StepEvent& event : dvi->events())
-        if (!event.impact || event.level == 1) contact_changes = 1;
+      summary.max_penetration = std::max(summary.max_penetration, dvi.penetration());
+      int contact_changes = model->contact_changed() ? 1 : 0;
       MPI_Allreduce(MPI_IN_PLACE, &contact_changes, 1, MPI_INT, MPI_LOR, comm);
       summary.active_changes += contact_changes;
       recorder.step(step, step_report, solved - last);
@@ -111,7 +108,7 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
 
   if (rank == 0) {
     fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraint{}, {:.3g} s\n", path, summary.steps,
-               time.step, summary.unknowns, name_of(form), summary.constraints,
+               time.step, summary.unknowns, model->form(), summary.constraints,
                summary.constraints == 1 ? "" : "s", summary.seconds_total);
     fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
                summary.max_residual, summary.max_penetration, summary.snes_iterations);

@@ -9,18 +9,6 @@
 
 namespace sweepvi {
 
-const char* name_of(Scheme scheme) {
-  switch (scheme) {
-    case Scheme::homsp:
-      return "homsp";
-    case Scheme::zd_euler:
-      return "zd-euler";
-    case Scheme::naive_euler:
-      return "naive-euler";
-  }
-  return "";
-}
-
 const char* name_of(Form form) {
   return form == Form::box_on_z ? "box on z" : "primal-dual";
 }

@@ -5,24 +5,20 @@
 #include <vector>
 
 #include "io/file_order.hpp"
+#include "io/recording.hpp"
 #include "io/scene.hpp"
-#include "io/scene_rows.hpp"
-#include "io/table_file.hpp"
 #include "sweepvi/dvi.hpp"
-#include "sweepvi/linear_system.hpp"
-#include "sweepvi/relative_degree.hpp"
-#include "sweepvi/time_march.hpp"
+#include "sweepvi/step_solver.hpp"
 
 namespace sweepvi {
 
-/// Writes the trajectory of a linear system: each `every`-th step, the first and the last, in scene order.
-/// All calls are collective.
+/// Writes a trajectory: each `every`-th step, the first and the last. All calls are collective.
 class Recorder {
 public:
   /// Opens `path` and records the initial state.
   /// @throws Error (output) on every rank if the file cannot be made
-  Recorder(const std::string& path, bool overwrite, const OutputSpec& output, const TimeSpec& time,
-           const LinearSystem& system, const RelativeDegree& relative_degree, const ConstrainedDvi& dvi);
+  Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every, const Dvi& dvi,
+           Recording recording);
 
   /// Takes in a certified step, which took `seconds`; writes a row if one is due.
   void step(const Step& step, const StepReport& report, double seconds);
@@ -32,25 +28,32 @@ public:
   void finish();
 
 private:
-  struct Layout;  // what goes where, found before the file is opened
-  Recorder(Layout layout, const std::string& path, bool overwrite, const TimeSpec& time,
-           const LinearSystem& system, const ConstrainedDvi& dvi);
+  /// A quantity on its way into the file.
+  struct Column {
+    Quantity quantity;
+    FileOrder order;
+    std::size_t width;          // numbers in an entry
+    std::vector<double> mine;   // this rank's entries; sums of them, where they are summed
+    std::vector<double> slice;  // this rank's part of a row in the file
+    Column(MPI_Comm comm, Quantity described);
+    FieldSpec field() const;
+  };
+  static std::vector<Column> make_columns(MPI_Comm comm, std::vector<Quantity> quantities);
+  static std::vector<FieldSpec> fields(const std::vector<Column>& columns);
   void write_row(double t);
+  void write(std::size_t field, Column& column);
 
   MPI_Comm comm_;
-  const ConstrainedDvi& dvi_;
-  SceneRows rows_;
+  const Dvi& dvi_;
+  Recording recording_;  // its quantities are in columns_
   std::int64_t every_;
   std::int64_t last_step_;
-  FileOrder states_;
-  std::optional<FileOrder> outputs_;
-  FileOrder constraints_;
+  std::vector<Column> columns_;
   TableFile file_;
 
   std::optional<double> pending_;  // time of a step not yet written
-  std::vector<double> mu_;         // sums since the last row
   double iterations_ = 0.0, seconds_ = 0.0, residual_ = 0.0;
-  std::vector<double> column_, slice_;
+  std::vector<double> work_, part_;
 };
 
 }  // namespace sweepvi

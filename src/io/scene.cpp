@@ -8,40 +8,76 @@
 #include <limits>
 
 #include "io/scene_chain.hpp"
+#include "io/scene_model.hpp"
 #include "io/toml_table.hpp"
 
 namespace sweepvi {
 
 namespace {
 
+const std::vector<Scheme> all_schemes = {Scheme::homsp,       Scheme::zd_euler,    Scheme::naive_euler,
+                                         Scheme::catching_up, Scheme::moreau_jean, Scheme::zhuravlev_ivanov};
 /// What the contract names for later, so that it is not mistaken for a slip.
-const std::vector<std::string> planned_schemes = {"catching-up", "moreau-jean", "hybrid", "zhuravlev-ivanov"};
-const std::vector<std::string> planned_kinds = {"lagrangian", "sweeping", "zhuravlev-ivanov"};
+const std::vector<std::string> planned_schemes = {"hybrid"};
 
-Scheme read_scheme(const TomlValue& value) {
-  const std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
+template <class Choice>
+std::vector<std::string> names_of(const std::vector<Choice>& choices) {
   std::vector<std::string> names;
-  names.reserve(schemes.size());
-  for (const Scheme scheme : schemes)
-    names.emplace_back(name_of(scheme));
-  const std::string name = value.choice(names, planned_schemes, true);
-  return schemes[static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin())];
+  for (const Choice choice : choices)
+    names.emplace_back(name_of(choice));
+  return names;
 }
 
-TimeSpec read_time(const TomlValue& table) {
+/// The schemes of a kind of model (chains: of their element), the first where the scene says nothing.
+std::vector<Scheme> schemes_of(const std::string& kind, const TomlValue& model) {
+  if (kind == "linear") return {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
+  if (kind == "lagrangian") return {Scheme::moreau_jean, Scheme::homsp};
+  if (kind == "sweeping") return {Scheme::catching_up};
+  if (kind == "zhuravlev-ivanov") return {Scheme::zhuravlev_ivanov};
+  return chain_schemes(model);
+}
+
+Scheme read_scheme(const TomlValue& value, const std::vector<Scheme>& fitting) {
+  const std::vector<std::string> names = names_of(fitting);
+  const std::vector<std::string> known = names_of(all_schemes);
+  const std::string name = value.choice(value ? known : names, planned_schemes, true);
+  const auto at = std::find(names.begin(), names.end(), name);
+  if (at == names.end())
+    value.fail(fmt::format("= \"{}\" does not fit this model; expected {}", name, fmt::join(names, ", ")));
+  return fitting[static_cast<std::size_t>(at - names.begin())];
+}
+
+/// theta or gamma.
+double read_weight(const TomlValue& key, bool fits, const char* schemes) {
+  const double value = key.number_or(1.0);
+  if (value <= 0.0 || value > 1.0) key.fail(fmt::format("= {} is outside (0, 1]", value));
+  if (value != 1.0 && !fits)
+    key.fail(fmt::format("= {} goes with {}; the other schemes are implicit, leave it out", value, schemes));
+  return value;
+}
+
+Detection read_detection(const TomlValue& key, bool fits) {
+  if (!key) return Detection::predicted;
+  if (!fits) key.fail("goes with the scheme \"moreau-jean\"; leave it out");
+  const std::vector<Detection> all = {Detection::predicted, Detection::midpoint, Detection::current};
+  const std::vector<std::string> names = names_of(all);
+  const std::string name = key.choice(names, {}, false);
+  return all[static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin())];
+}
+
+TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
   const TomlValue scheme = table["scheme"], start = table["start"], end = table["end"], step = table["step"],
                   theta = table["theta"], gamma = table["gamma"], detection = table["detection"],
                   tolerance = table["tolerance"];
   TimeSpec time;
-  time.scheme = read_scheme(scheme);
+  time.scheme = read_scheme(scheme, fitting);
   table.refuse_unknown();
-  if (gamma) gamma.fail_not_built("schemes without it");
-  if (detection) detection.fail_not_built("schemes without it");
   if (tolerance) tolerance.fail_not_built("time.step");
-  if (const double value = theta.number_or(1.0); value != 1.0) {
-    if (value <= 0.0 || value > 1.0) theta.fail(fmt::format("= {} is outside (0, 1]", value));
-    theta.fail(fmt::format("= {} is not built yet; available: 1.0", value));
-  }
+  const bool bounces = time.scheme == Scheme::moreau_jean;
+  const bool transforms = time.scheme == Scheme::zhuravlev_ivanov;
+  time.theta = read_weight(theta, bounces || transforms, "moreau-jean and zhuravlev-ivanov");
+  time.gamma = read_weight(gamma, transforms, "zhuravlev-ivanov");
+  time.detection = read_detection(detection, bounces);
 
   time.start = start.number_or(0.0);
   time.end = end.number();
@@ -62,81 +98,6 @@ TimeSpec read_time(const TomlValue& table) {
                           time.end));
   return time;
 }
-
-// Linear scenes
-// --------------------------------------------------------------------------------------------------
-
-void expect_shape(const TomlValue& key, const SparseEntries& found, std::int64_t rows, std::int64_t cols) {
-  if (found.rows != rows || found.cols != cols)
-    key.fail(fmt::format("is {} x {}; expected {} x {}, as model.A is n x n and model.B n x m", found.rows,
-                         found.cols, rows, cols));
-}
-
-template <class T>
-void expect_length(const TomlValue& key, const std::vector<T>& found, std::int64_t length, const char* what) {
-  if (static_cast<std::int64_t>(found.size()) != length)
-    key.fail(fmt::format("has {} entries; expected {} = {}", found.size(), what, length));
-}
-
-/// Empty if no constraint has an upper limit.
-std::vector<double> read_wmax(const TomlValue& wmax, std::int64_t m) {
-  if (!wmax) return {};
-  std::vector<double> values;
-  if (wmax.is_number()) {
-    values.assign(static_cast<std::size_t>(m), wmax.number_or_infinity());
-  } else {
-    values = wmax.numbers_or_infinity();
-    expect_length(wmax, values, m, "m");
-  }
-  for (const double value : values)
-    if (!(value > 0.0))
-      wmax.fail(
-          fmt::format("has the entry {}; expected more than 0, the distance between the walls w = 0 and w = "
-                      "wmax, or inf",
-                      value));
-  const bool none = std::all_of(values.begin(), values.end(), [](double value) {
-    return value == std::numeric_limits<double>::infinity();
-  });
-  return none ? std::vector<double>{} : values;
-}
-
-LinearSpec read_linear(const TomlValue& table, bool root) {
-  const TomlValue A = table["A"], B = table["B"], C = table["C"], D = table["D"], f = table["f"],
-                  w0 = table["w0"], x0 = table["x0"], wmax = table["wmax"];
-  table.refuse_unknown();
-  LinearSpec model;
-  if (!root) {
-    if (D) model.D.emplace();
-    return model;
-  }
-  model.A = A.matrix();
-  const std::int64_t n = model.A.rows;
-  if (n < 1 || model.A.cols != n) A.fail(fmt::format("is {} x {}; expected n x n, n >= 1", n, model.A.cols));
-  model.B = B.matrix();
-  const std::int64_t m = model.B.cols;
-  if (m < 1)
-    B.fail(fmt::format("is {} x {}; expected n x m with at least one constraint, m >= 1", model.B.rows, m));
-  expect_shape(B, model.B, n, m);
-  model.C = C.matrix();
-  expect_shape(C, model.C, m, n);
-  if (D) {
-    model.D = D.matrix();
-    expect_shape(D, *model.D, m, m);
-  }
-  if (f) {
-    model.f = f.signals();
-    expect_length(f, model.f, n, "n");
-  }
-  model.w0 = w0 ? w0.numbers() : std::vector<double>(static_cast<std::size_t>(m), 0.0);
-  expect_length(w0, model.w0, m, "m");
-  model.x0 = x0.numbers();
-  expect_length(x0, model.x0, n, "n");
-  model.wmax = read_wmax(wmax, m);
-  return model;
-}
-
-// The rest
-// -------------------------------------------------------------------------------------------------------
 
 OutputSpec read_output(const TomlValue& table, const std::string& scene, const ChainSpec* chain) {
   const TomlValue file = table["file"], every = table["every"], blocks = table["blocks"],
@@ -173,12 +134,19 @@ void read_document(const TomlValue& document, bool root, Scene& scene) {
                   output = document["output"], petsc = document["petsc"];
   document.refuse_unknown();
   scene.title = title.string_or("");
-  const bool is_chain = model["kind"].choice({"linear", "chain"}, planned_kinds, false) == "chain";
-  scene.time = read_time(time);
-  if (is_chain) {
+  const std::string kind =
+      model["kind"].choice({"linear", "lagrangian", "sweeping", "zhuravlev-ivanov", "chain"}, {}, false);
+  scene.time = read_time(time, schemes_of(kind, model));
+  if (kind == "linear") {
+    scene.model = read_linear(model, root);
+  } else if (kind == "lagrangian") {
+    scene.model = read_lagrangian(model, scene.time.scheme, root);
+  } else if (kind == "sweeping") {
+    scene.model = read_sweeping(model, root);
+  } else if (kind == "chain") {
     scene.model = read_chain(model, scene.time.scheme, root);
   } else {
-    scene.model = read_linear(model, root);
+    scene.model = read_impact(model);
   }
   scene.output = read_output(output, scene.path, std::get_if<ChainSpec>(&scene.model));
   const TomlValue options = petsc["options"];

@@ -11,7 +11,7 @@
 #include "io/matrix_file.hpp"
 #include "model/chain_spec.hpp"
 #include "sweepvi/error.hpp"
-#include "sweepvi/linear_dvi.hpp"
+#include "sweepvi/scheme.hpp"
 #include "sweepvi/signal.hpp"
 #include "sweepvi/time_grid.hpp"
 
@@ -24,6 +24,9 @@ struct TimeSpec {
   double end = 0.0;        ///< [s]
   double step = 0.0;       ///< h [s], already adjusted to hit `end`
   std::int64_t steps = 0;  ///< K
+  double theta = 1.0;      ///< weight of t_{k+1} in state terms, (0, 1]; moreau-jean and zhuravlev-ivanov
+  double gamma = 1.0;      ///< the same of multipliers, (0, 1]; zhuravlev-ivanov
+  Detection detection = Detection::predicted;  ///< moreau-jean
   TimeGrid grid() const { return {start, end, static_cast<PetscInt>(steps)}; }
 };
 
@@ -38,6 +41,49 @@ struct LinearSpec {
   std::vector<double> x0;          ///< n
 };
 
+/// `kind = "lagrangian"`: M q'' + C q' + K q = f + H' lambda, 0 <= g = H q + g0, Newton restitution e.
+/// Matrices and vectors are filled on rank 0 only.
+struct LagrangianSpec {
+  SparseEntries M, K;          ///< n x n
+  SparseEntries C;             ///< n x n, the key `Cv`; without rows: none
+  SparseEntries H;             ///< m x n
+  std::vector<Signal> f;       ///< n, or empty: no forcing
+  std::vector<double> g0, e;   ///< m
+  std::vector<double> q0, v0;  ///< n
+};
+
+/// `kind = "sweeping"`: -u' in N_{K(t)}(u) - f(t) - A u, K(t) = {lower <= u <= upper} or {G u >= g}.
+/// Matrices and vectors are filled on rank 0 only; whether there is A or G, every rank knows.
+struct SweepingSpec {
+  std::vector<double> u0;            ///< n
+  std::vector<Signal> f;             ///< n, or empty: none
+  std::optional<SparseEntries> A;    ///< n x n
+  std::vector<Signal> lower, upper;  ///< n, or empty: no such side
+  std::optional<SparseEntries> G;    ///< m x n
+  std::vector<Signal> g;             ///< m
+};
+
+/// Gains of a twisting controller, HO (3): -mu1 sgn(s) - mu2 sgn(v).
+struct Regulator {
+  double mu1 = 0.0, mu2 = 0.0;  ///< > 0
+};
+
+/// `kind = "zhuravlev-ivanov"`: x'' = force, restitution (1 - kappa) / (1 + kappa) at the wall x = 0.
+/// Complete on every rank.
+struct ImpactSpec {
+  struct Reference {
+    double kappa = 0.0, x0 = 0.0, v0 = 0.0;
+    Signal force;
+  };
+  double kappa = 0.0;  ///< in (0, 1)
+  double x0 = 0.0;     ///< >= 0
+  double v0 = 0.0;     ///< x'
+  Signal force;
+  std::optional<Regulator> regulator;
+  std::optional<Reference> reference;  ///< to be tracked: HO (4)-(8)
+  bool resample = false;               ///< (x, x') -> (s, v) anew before each step, HO IV
+};
+
 struct OutputSpec {
   std::string file;                                 ///< relative to the working directory
   std::int64_t every = 1;                           ///< record each `every`-th step
@@ -49,7 +95,7 @@ struct Scene {
   std::string text;  ///< the file's bytes
   std::string title;
   TimeSpec time;
-  std::variant<LinearSpec, ChainSpec> model;
+  std::variant<LinearSpec, ChainSpec, LagrangianSpec, SweepingSpec, ImpactSpec> model;
   OutputSpec output;
   std::string petsc_options;       ///< `[petsc] options`
   bool petsc_options_set = false;  ///< they came from --set, which outranks PETSC_OPTIONS

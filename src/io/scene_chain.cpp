@@ -82,14 +82,19 @@ void check_range(const TomlValue& key, Element::Range range, const PerElement<do
       key.fail(fmt::format("{}; expected {}", found(element, i), text_of(range)));
 }
 
-/// None of the schemes that are built lets a mass bounce.
+/// Only moreau-jean lets a mass bounce.
 void check_restitution(const TomlValue& key, Scheme scheme, const PerElement<double>& element) {
+  if (scheme == Scheme::moreau_jean) return;
   for (std::size_t i = 0; i < element.values.size(); ++i)
     if (element.values[i] != 0.0)
       key.fail(fmt::format(
-          "{}{}; the scheme \"{}\" takes all velocity into the wall and needs 0. Write {} = 0, as the scheme "
-          "with restitution, \"moreau-jean\", is not built yet",
+          "{}{}; the scheme \"{}\" takes all velocity into the wall and needs 0. Write {} = 0, or use "
+          "time.scheme = \"moreau-jean\"",
           found(element, i), key ? "" : " unless the scene says otherwise", name_of(scheme), key.name()));
+}
+
+const Element& read_element(const TomlValue& element) {
+  return *find_element(element.choice(element_names(), planned_elements, false));
 }
 
 std::int64_t read_count(const TomlValue& count, std::size_t states, Topology topology) {
@@ -195,8 +200,14 @@ void ask(const TomlValue& table, const Element& element) {
 
 }  // namespace
 
+std::vector<Scheme> chain_schemes(const TomlValue& table) {
+  std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
+  if (read_element(table["element"]).restitution) schemes.push_back(Scheme::moreau_jean);
+  return schemes;
+}
+
 ChainSpec read_chain(const TomlValue& table, Scheme scheme, bool root) {
-  const Element& element = *find_element(table["element"].choice(element_names(), planned_elements, false));
+  const Element& element = read_element(table["element"]);
   ask(table, element);
   table.refuse_unknown();
   const Topology topology = read_topology(table["topology"], element);

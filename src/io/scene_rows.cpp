@@ -77,12 +77,13 @@ double SceneRows::measure(const Row& row, int level, double mu) const {
   return std::max(0.0, -mu) * (last ? 1.0 / row.multiplier_scale : row.output_scale);
 }
 
-void SceneRows::add_measures(std::vector<double>& sums) const {
+std::vector<double> SceneRows::mu() const {
   const auto levels = static_cast<std::size_t>(dvi_.mu_levels());
-  for (std::size_t k = 0; k < rows_.size(); ++k)
+  std::vector<double> result;
+  for (const Row& row : rows_)
     for (std::size_t i = 0; i < levels; ++i)
-      sums[k * levels + i] +=
-          measure(rows_[k], static_cast<int>(i) + 1, dvi_.mu()[rows_[k].constraint * levels + i]);
+      result.push_back(measure(row, static_cast<int>(i) + 1, dvi_.mu()[row.constraint * levels + i]));
+  return result;
 }
 
 const SceneRows::Row& SceneRows::row_of(const StepEvent& event) const {

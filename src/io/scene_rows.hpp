@@ -26,8 +26,7 @@ public:
   std::vector<double> w() const;
   std::vector<double> z() const;  ///< row by row, level by level; empty if the DVI has none
   std::vector<double> level() const;
-  /// Adds the measures of the last step, [row][level].
-  void add_measures(std::vector<double>& sums) const;
+  std::vector<double> mu() const;  ///< measures of the last step, [row][level]
   PetscInt number_of(const StepEvent& event) const;
   double impulse_of(const StepEvent& event) const;
 

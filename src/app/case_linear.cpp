@@ -1,0 +1,164 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "app/case.hpp"
+#include "io/level_recording.hpp"
+#include "model/from_scene.hpp"
+#include "model/opposite.hpp"
+#include "parallel/gather.hpp"
+#include "sweepvi/linear_dvi.hpp"
+#include "sweepvi/partition.hpp"
+
+namespace sweepvi::app {
+
+namespace {
+
+const char* name_of(MarkovReport::Solvability solvability) {
+  switch (solvability) {
+    case MarkovReport::Solvability::positive_definite:
+      return "positive definite: each step has exactly one solution";
+    case MarkovReport::Solvability::p_matrix:
+      return "a P-matrix, not positive definite: each step has exactly one solution";
+    case MarkovReport::Solvability::positive_semidefinite:
+      return "positive semidefinite: enough for degrees 0 and 1";
+    case MarkovReport::Solvability::not_checked:
+      return "not decided: coupled group too large or, for degrees 0 and 1, not semidefinite";
+  }
+  return "";
+}
+
+std::string degrees_text(MPI_Comm comm, const RelativeDegree& relative_degree) {
+  std::map<int, std::int64_t> count;
+  for (const int r : gather(comm, relative_degree.degree))
+    ++count[r];
+  std::string text;
+  for (const auto& [r, n] : count)
+    text += fmt::format("{}r = {} for {} constraint{}", text.empty() ? "" : ", ", r, n, n == 1 ? "" : "s");
+  return text;
+}
+
+/// Constraints with an upper wall, and those of them that stand for two rows of the scene.
+struct Walls {
+  std::int64_t two_sided = 0, merged = 0;
+};
+
+Walls count_walls(MPI_Comm comm, const LinearSystem& system) {
+  std::int64_t counts[2] = {0, static_cast<std::int64_t>(system.opposite.size())};
+  if (system.wmax) {
+    const ReadArray wmax(system.wmax.get());
+    counts[0] = std::count_if(wmax.data(), wmax.data() + wmax.size(),
+                              [](double value) { return value < PETSC_INFINITY; });
+  }
+  MPI_Allreduce(MPI_IN_PLACE, counts, 2, MPI_INT64_T, MPI_SUM, comm);
+  return {counts[0], counts[1]};
+}
+
+std::string not_needed(const LinearSystem& system, const RelativeDegree& relative_degree, Form form) {
+  std::string text;
+  const auto add = [&](const char* what) { text += (text.empty() ? "" : "; ") + std::string(what); };
+  if (form == Form::box_on_z) add("multipliers");
+  if (system.states() == relative_degree.outputs) add("zero dynamics (n = sum of r)");
+  if (!system.f.any) add("forcing");
+  if (system.f.any && !system.f.varies) add("derivatives of the forcing (it is constant)");
+  if (!system.D) add("D");
+  return text.empty() ? "nothing" : text;
+}
+
+/// A linear system, given as such or as a chain, of any relative degrees.
+class LinearCase final : public Case {
+public:
+  LinearCase(MPI_Comm comm, Scene& scene)
+      : scheme_(scene.time.scheme), system_(make_linear_system(comm, scene)) {
+    merge_opposite_constraints(system_);
+    degree_ = analyse_relative_degree(system_);
+    markov_ = check_markov_matrix(system_, degree_);
+    distribute(system_, degree_);
+    form_ = choose_form(system_, degree_, scheme_);
+    dvi_ = make_linear_dvi(system_, degree_, scheme_, form_, scene.time.grid());
+  }
+
+  Dvi& dvi() override { return *dvi_; }
+  Recording recording(const OutputSpec& output) const override {
+    return level_recording(output, system_, degree_, *dvi_);
+  }
+  std::string form() const override { return sweepvi::name_of(form_); }
+  std::int64_t constraints() const override { return system_.scene_constraints(); }
+  std::int64_t edge_cut() const override { return system_.edge_cut; }
+  bool contact_changed() const override {
+    return std::any_of(dvi_->events().begin(), dvi_->events().end(),
+                       [](const StepEvent& event) { return !event.impact || event.level == 1; });
+  }
+  Lines report(std::int64_t unknowns) const override;
+
+private:
+  std::string form_line() const;
+
+  Scheme scheme_;
+  LinearSystem system_;
+  RelativeDegree degree_;
+  MarkovReport markov_;
+  Form form_ = Form::primal_dual;
+  std::unique_ptr<ConstrainedDvi> dvi_;
+};
+
+std::string LinearCase::form_line() const {
+  const std::string obstacle = against_box_on_z(system_, degree_, scheme_);
+  return form() + (form_ == Form::box_on_z ? ": outputs are unknowns, their rows read the measures"
+                   : obstacle.empty()      ? ", as asked; box on z would do without multipliers"
+                                           : ": " + obstacle);
+}
+
+Lines LinearCase::report(std::int64_t unknowns) const {
+  const MPI_Comm comm = system_.comm();
+  const PetscInt n = system_.states();
+  Lines lines;
+  lines.emplace_back("sizes", fmt::format("{} states, {} constraints, {} outputs", n, system_.constraints(),
+                                          degree_.outputs));
+  if (const Walls walls = count_walls(comm, system_); walls.two_sided > 0)
+    lines.emplace_back(
+        "two-sided",
+        fmt::format("{} constraint{}{}", walls.two_sided, walls.two_sided == 1 ? "" : "s",
+                    walls.merged == 0
+                        ? ""
+                        : fmt::format(", {} of them two opposite rows of the scene", walls.merged)));
+  lines.emplace_back("relative degree", degrees_text(comm, degree_));
+  if (degree_.highest > 0)
+    lines.emplace_back(
+        "  decided at",
+        fmt::format(
+            "|C A^i B| > {:.0e} |C||A|^i|B|; smallest that counted {:.1e}, largest that did not {:.1e}",
+            degree_.tolerance, degree_.smallest_kept, degree_.largest_dropped));
+  lines.emplace_back("Markov matrix", markov_.diagonal
+                                          ? std::string("diagonal")
+                                          : fmt::format("{} nonzeros, largest coupled group {}",
+                                                        markov_.nonzeros, markov_.largest_block));
+  lines.emplace_back("  condition", markov_.condition_known ? fmt::format("{:.3g}", markov_.condition)
+                                                            : "not computed (coupled group too large)");
+  lines.emplace_back("  solvability", name_of(markov_.solvability));
+  const ZeroDynamics zero = zero_dynamics(system_, degree_);
+  lines.emplace_back(
+      "zero dynamics",
+      zero.size <= 0 ? std::string("none")
+      : std::isnan(zero.largest_real_part)
+          ? fmt::format("{} states (spectrum computed up to 500 states)", zero.size)
+          : fmt::format("{} states, largest real part of the spectrum {:.3g} 1/s{}", zero.size,
+                        zero.largest_real_part,
+                        zero.largest_real_part > 1e-9 ? " (unstable: non-minimum phase)" : ""));
+  lines.emplace_back("form", form_line());
+  lines.emplace_back(
+      "unknowns", fmt::format("{} ({} states{})", unknowns, n,
+                              form_ == Form::box_on_z ? "" : fmt::format(" + {} multipliers", unknowns - n)));
+  lines.emplace_back("not needed", not_needed(system_, degree_, form_));
+  return lines;
+}
+
+}  // namespace
+
+std::unique_ptr<Case> make_linear_case(MPI_Comm comm, Scene& scene) {
+  return std::make_unique<LinearCase>(comm, scene);
+}
+
+}  // namespace sweepvi::app

@@ -1,0 +1,35 @@
+#include "sweepvi/scheme.hpp"
+
+namespace sweepvi {
+
+const char* name_of(Scheme scheme) {
+  switch (scheme) {
+    case Scheme::homsp:
+      return "homsp";
+    case Scheme::zd_euler:
+      return "zd-euler";
+    case Scheme::naive_euler:
+      return "naive-euler";
+    case Scheme::catching_up:
+      return "catching-up";
+    case Scheme::moreau_jean:
+      return "moreau-jean";
+    case Scheme::zhuravlev_ivanov:
+      return "zhuravlev-ivanov";
+  }
+  return "";
+}
+
+const char* name_of(Detection detection) {
+  switch (detection) {
+    case Detection::predicted:
+      return "predicted";
+    case Detection::midpoint:
+      return "midpoint";
+    case Detection::current:
+      return "current";
+  }
+  return "";
+}
+
+}  // namespace sweepvi
