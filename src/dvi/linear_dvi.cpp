@@ -1,9 +1,9 @@
 #include "sweepvi/linear_dvi.hpp"
 
-#include <array>
 #include <string>
 
 #include "dvi/box_on_z.hpp"
+#include "dvi/form_option.hpp"
 #include "dvi/primal_dual.hpp"
 #include "petsc/sparse.hpp"
 
@@ -27,24 +27,6 @@ std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& r
   MPI_Allreduce(MPI_IN_PLACE, &away, 1, MPI_INT, MPI_LOR, system.comm());
   return away != 0 ? "a constraint and the states it reads are on different ranks" : "";
 }
-
-namespace {
-
-std::string asked_form(MPI_Comm comm) {
-  std::array<char, 64> form{"auto"};
-  const auto read = [&]() -> PetscErrorCode {
-    PetscFunctionBeginUser;
-    PetscOptionsBegin(comm, nullptr, "sweepvi: form of the box VI", "sweepvi");
-    PetscCall(PetscOptionsString("-sweepvi_form", "Unknowns of a step: auto | box-on-z | primal-dual", "Form",
-                                 form.data(), form.data(), form.size(), nullptr));
-    PetscOptionsEnd();
-    PetscFunctionReturn(static_cast<PetscErrorCode>(0));  // an enumeration in newer PETSc
-  };
-  check_options(read());
-  return form.data();
-}
-
-}  // namespace
 
 Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme) {
   const std::string asked = asked_form(system.comm());

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dvi/stacked.hpp"
 #include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
 
@@ -125,34 +126,8 @@ PrimalDual::Blocks PrimalDual::make_blocks() const {
   return blocks;
 }
 
-namespace {
-
-// Unknown number of entry j of a block: each rank's unknowns are its states, then its multipliers.
-class Numbering {
-public:
-  Numbering(Mat like_x, Vec like_nu) {
-    check(MatGetOwnershipRanges(like_x, &x_));
-    check(VecGetOwnershipRanges(like_nu, &nu_));
-    int size = 0;
-    MPI_Comm_size(PetscObjectComm(reinterpret_cast<PetscObject>(like_x)), &size);
-    ranks_ = static_cast<std::size_t>(size);
-  }
-  PetscInt x(PetscInt j) const { return j + nu_[owner(x_, j)]; }
-  PetscInt nu(PetscInt j) const { return j + x_[owner(nu_, j) + 1]; }
-
-private:
-  std::size_t owner(const PetscInt* ranges, PetscInt j) const {
-    return static_cast<std::size_t>(std::upper_bound(ranges, ranges + ranks_ + 1, j) - ranges) - 1;
-  }
-  const PetscInt* x_ = nullptr;
-  const PetscInt* nu_ = nullptr;
-  std::size_t ranks_ = 0;
-};
-
-}  // namespace
-
 void PrimalDual::assemble(const Blocks& blocks) {
-  const Numbering number(system_.A.get(), g_.get());
+  const Stacked number(system_.A.get(), g_.get());
   const LocalRange states = row_range(system_.A.get());
   const LocalRange multipliers = row_range(blocks.G.get());
   first_row_ = states.first + multipliers.first;
@@ -366,7 +341,7 @@ void PrimalDual::find_unit_outputs() {
   unit_remote_.assign(levels_.z.size(), -1);
   unit_scale_.assign(levels_.z.size(), 0.0);
   if (!with_levels_) return;
-  const Numbering number(system_.A.get(), g_.get());
+  const Stacked number(system_.A.get(), g_.get());
   const LocalRange states = row_range(system_.A.get());
   std::size_t q = 0;
   int remote = 0;

@@ -36,53 +36,44 @@ std::vector<idx_t> ElementGraph::weights() const {
   return weights;
 }
 
-namespace {
-
-/// What one rank's rows say about states, in global numbers.
-struct Couplings {
-  std::vector<PetscInt> homes;  // per constraint
-  std::vector<Edge> together;   // must share a rank
-  std::vector<Edge> edges;      // would like to
-};
-
-/// State pairs in different blocks that A couples; pairs inside a block of this rank are left out early.
-void add_state_edges(const LinearSystem& system, Couplings& couplings) {
-  const LocalRange states = row_range(system.A.get());
-  const auto block_of = [&](PetscInt state) {
-    return system.block[static_cast<std::size_t>(state - states.first)];
-  };
-  for_each_row(system.A.get(), [&](PetscInt row, auto columns, auto values) {
+void Couplings::add_rows(Mat matrix, const std::vector<PetscInt>& block) {
+  const LocalRange states = row_range(matrix);
+  const auto block_of = [&](PetscInt state) { return block[static_cast<std::size_t>(state - states.first)]; };
+  for_each_row(matrix, [&](PetscInt row, auto columns, auto values) {
     for (std::size_t k = 0; k < columns.size(); ++k) {
       const PetscInt column = columns[k];
       if (values[k] == 0.0 || column == row) continue;
       if (states.contains(column) && block_of(column) == block_of(row)) continue;
-      couplings.edges.push_back({row, column});
+      edges.push_back({row, column});
     }
   });
 }
 
-/// The state with the largest entry; the first of equals, state 0 for an empty row.
-PetscInt largest_entry(const SparseRow& row) {
-  PetscInt largest = 0;
+PetscInt Couplings::add_constraint(const SparseRow& read) {
+  PetscInt home = 0;
   double most = -1.0;
-  for (const auto& [state, value] : row)
+  for (const auto& [state, value] : read)
     if (std::abs(value) > most) {
       most = std::abs(value);
-      largest = state;
+      home = state;
     }
-  return largest;
+  homes.push_back(home);
+  for (const auto& [state, value] : read)
+    if (state != home && value != 0.0) edges.push_back({home, state});
+  return home;
 }
+
+namespace {
 
 /// Where each owned constraint lives, and the states it must share a rank with (its outputs) or would like
 /// to.
-void add_constraint_edges(const LinearSystem& system, const RelativeDegree& relative_degree,
-                          Couplings& couplings) {
+void add_constraints(const LinearSystem& system, const RelativeDegree& relative_degree,
+                     Couplings& couplings) {
   const Matrix pushed = transpose(system.B.get());
   const LocalRange constraints = row_range(system.C.get());
   const LocalRange outputs = row_range(relative_degree.Z.get());
   for (PetscInt a = constraints.first; a < constraints.last; ++a) {
-    const SparseRow read = get_row(system.C.get(), a);
-    const PetscInt home = largest_entry(read);
+    const PetscInt home = couplings.add_constraint(get_row(system.C.get(), a));
     const auto local = static_cast<std::size_t>(a - constraints.first);
     // Outputs that are states, or take the place of one, stay with their constraint: box on z relies on it,
     // primal-dual saves messages.
@@ -92,10 +83,8 @@ void add_constraint_edges(const LinearSystem& system, const RelativeDegree& rela
       const SparseRow output = get_row(relative_degree.Z.get(), outputs.first + q);
       if (output.size() == 1) couplings.together.push_back({home, output.front().first});
     }
-    couplings.homes.push_back(home);
-    for (const SparseRow& row : {read, get_row(pushed.get(), a)})
-      for (const auto& [state, value] : row)
-        if (state != home && value != 0.0) couplings.edges.push_back({home, state});
+    for (const auto& [state, value] : get_row(pushed.get(), a))
+      if (state != home && value != 0.0) couplings.edges.push_back({home, state});
   }
 }
 
@@ -125,21 +114,18 @@ PetscInt merge_blocks(std::vector<PetscInt>& block, PetscInt block_count, const 
 
 }  // namespace
 
-ElementGraph gather_element_graph(const LinearSystem& system, const RelativeDegree& relative_degree) {
-  const MPI_Comm comm = system.comm();
-  Couplings mine;
-  add_state_edges(system, mine);
-  add_constraint_edges(system, relative_degree, mine);
+ElementGraph gather_element_graph(MPI_Comm comm, const Couplings& mine, const std::vector<PetscInt>& block,
+                                  PetscInt block_count) {
   const std::vector<Edge> together = gather(comm, mine.together);
   std::vector<Edge> edges = gather(comm, mine.edges);
   ElementGraph elements;
-  elements.block = gather(comm, system.block);
+  elements.block = gather(comm, block);
   elements.home = gather(comm, mine.homes);
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   if (rank != 0) return elements;
 
-  const PetscInt blocks = merge_blocks(elements.block, system.block_count, together);
+  const PetscInt blocks = merge_blocks(elements.block, block_count, together);
   const auto vertex = [&](PetscInt state) { return elements.block[static_cast<std::size_t>(state)]; };
   for (Edge& edge : edges)
     edge = {vertex(edge.first), vertex(edge.second)};
@@ -147,6 +133,13 @@ ElementGraph gather_element_graph(const LinearSystem& system, const RelativeDegr
     home = vertex(home);
   elements.graph = make_graph(blocks, std::move(edges));
   return elements;
+}
+
+ElementGraph gather_element_graph(const LinearSystem& system, const RelativeDegree& relative_degree) {
+  Couplings mine;
+  mine.add_rows(system.A.get(), system.block);
+  add_constraints(system, relative_degree, mine);
+  return gather_element_graph(system.comm(), mine, system.block, system.block_count);
 }
 
 }  // namespace sweepvi

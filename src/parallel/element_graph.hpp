@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "petsc/sparse.hpp"
 #include "sweepvi/linear_system.hpp"
 #include "sweepvi/relative_degree.hpp"
 
@@ -48,8 +49,27 @@ struct ElementGraph {
   std::vector<idx_t> weights() const;  ///< states of each vertex
 };
 
+/// What one rank's rows say about states, in global numbers.
+struct Couplings {
+  std::vector<PetscInt> homes;  ///< per constraint: the state it lives with
+  std::vector<Edge> together;   ///< must share a rank
+  std::vector<Edge> edges;      ///< would like to
+
+  /// State pairs in different blocks that a square matrix couples; pairs inside a block of this rank are left
+  /// out early. @param block  of each state this rank owns. @note Not collective.
+  void add_rows(Mat matrix, const std::vector<PetscInt>& block);
+  /// A constraint lives with the state that `read` weighs most, and would like all others near.
+  /// @return that state: the first of equals, state 0 for an empty row. @note Not collective.
+  PetscInt add_constraint(const SparseRow& read);
+};
+
 /// The whole graph on rank 0 (empty elsewhere): METIS is serial.
+/// @param block  of each state this rank owns, from 0 to block_count - 1
 /// @note Collective.
+ElementGraph gather_element_graph(MPI_Comm comm, const Couplings& mine, const std::vector<PetscInt>& block,
+                                  PetscInt block_count);
+
+/// The same for a system's rows. @note Collective.
 ElementGraph gather_element_graph(const LinearSystem& system, const RelativeDegree& relative_degree);
 
 }  // namespace sweepvi
