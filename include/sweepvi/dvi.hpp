@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "sweepvi/petsc.hpp"
@@ -49,6 +50,9 @@ inline constexpr double held_rtol = 1e-12;
 /// `accept` if the settled point is certified. Without `accept` the state is still that of t_k, and `begin`
 /// may be called again.
 ///
+/// A process with a method of its own may find the solution itself (`predict`), or prove that there is none
+/// (`obstacle`); SNESVI then only certifies.
+///
 /// All methods are collective on `comm()`. Vectors passed in have the layout of `state()`.
 class Dvi {
 public:
@@ -63,6 +67,12 @@ public:
   /// Box rule: fills l and b for the step, PETSC_NINFINITY and PETSC_INFINITY where there is none, and a
   /// first guess.
   virtual void begin(const Step& step, Vec lower, Vec upper, Vec guess) = 0;
+  /// Makes the guess of `begin` a solution up to rounding, and returns true; or returns false to have it
+  /// improved by the active-set predictor.
+  virtual bool predict(Vec) { return false; }
+  /// Why this step has no solution, if that is proved; empty otherwise. Asked where `predict` found none,
+  /// before SNES is set to work.
+  virtual std::string obstacle() { return {}; }
   virtual void residual(Vec u, Vec f) = 0;
   /// Sum of the absolute values of the terms of each row of F: what its residual is judged against.
   virtual void row_terms(Vec u, Vec terms) = 0;

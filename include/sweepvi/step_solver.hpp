@@ -33,6 +33,7 @@ struct StepReport {
   bool predicted = false;   ///< SNES accepted the predictor's guess as it was
   int rung = 0;             ///< attempt that succeeded, from 0; see StepSolver::rung_names
   std::string reason;       ///< SNES's own word on the last attempt
+  std::string obstacle;     ///< why there is no solution, where that is proved: no attempt was made then
 };
 
 /// Solves the box VI of one step with SNESVI and certifies the result row by row:

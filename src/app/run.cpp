@@ -17,6 +17,9 @@ namespace {
 std::string failure_text(const TimeMarch& march, const StepReport& report) {
   const PetscInt number = march.steps_taken() + 1;
   const double t = march.grid().time(number);
+  if (!report.obstacle.empty())
+    return fmt::format("step {}, t = {:.6g} s: {}. Everything before it is in the output", number, t,
+                       report.obstacle);
   return fmt::format(
       "step {}, t = {:.6g} s: the step could not be certified: {} after {} iterations in {} attempts, "
       "residual {:.3g} of "
@@ -95,7 +98,7 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   if (trouble) throw *trouble;
 
   const bool failed = !report.certified;
-  if (failed) summary.max_residual = std::max(summary.max_residual, report.residual);
+  if (failed && report.obstacle.empty()) summary.max_residual = std::max(summary.max_residual, report.residual);
   summary.exit = failed ? ExitCode::unsolved : ExitCode::done;
   summary.status = failed ? "failed" : "done";
   recorder.file().attribute("status", summary.status);

@@ -216,6 +216,7 @@ double StepSolver::settled_ratio(Vec u) {
 // Replaces the guess by the predictor's if that one is good to rounding.
 bool StepSolver::predict() {
   if (!predictor_) return false;
+  if (problem_.predict(guess_.get())) return true;
   check(VecCopy(guess_.get(), u_.get()));
   const auto ratio = [this](Vec u) { return settled_ratio(u); };
   if (!predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio)) return false;
@@ -311,6 +312,11 @@ StepReport StepSolver::solve(const Step& step) {
   const bool predicted = predict();
   StepReport best;
   best.residual = std::numeric_limits<double>::infinity();
+  if (!predicted) best.obstacle = problem_.obstacle();
+  if (!best.obstacle.empty()) {
+    check(VecCopy(guess_.get(), u_.get()));
+    return best;
+  }
   PetscInt iterations = 0;
   Vector best_point;
   for (int rung = 0; rung < static_cast<int>(rung_names.size()); ++rung) {
