@@ -39,4 +39,16 @@ bool recover(KSP ksp) {
   return reason == PC_FACTOR_OUTMEMORY && enlarge_workspace();
 }
 
+bool solve(KSP ksp, Mat matrix, Vec right, Vec solution) {
+  for (bool again = true; again;) {
+    check(KSPSolve(ksp, right, solution));
+    KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
+    check(KSPGetConvergedReason(ksp, &reason));
+    if (reason > 0) return true;
+    again = recover(ksp);
+    check(KSPSetOperators(ksp, matrix, matrix));
+  }
+  return false;
+}
+
 }  // namespace sweepvi

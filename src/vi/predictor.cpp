@@ -77,14 +77,7 @@ bool Predictor::advance(Vec u) {
     for (const Bound& bound : active_)
       right[bound.row - first] = bound.value - x[bound.row - first];
   }
-  for (bool again = true; again;) {
-    check(KSPSolve(solver_.get(), right_side_.get(), step_.get()));
-    KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
-    check(KSPGetConvergedReason(solver_.get(), &reason));
-    if (reason > 0) break;
-    again = recover(solver_.get());
-    check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
-    if (again) continue;
+  if (!solve(solver_.get(), jacobian_.get(), right_side_.get(), step_.get())) {
     has_factor_ = false;
     return false;
   }
