@@ -10,6 +10,8 @@
 
 namespace sweepvi {
 
+class FiniteDifferences;
+
 /// A nonlinear system in zero-dynamics form, written by its user:
 ///
 ///     z_{a,i}' = z_{a,i+1},  i < r_a,       z_{a,r}' = a_a(t, z, xi) + m_a(t, z, xi) lambda_a,
@@ -62,10 +64,10 @@ public:
   double error(double t, Vec u);
 
 private:
-  struct Colouring;
   const ZdSystem& system_;
-  Matrix jacobian_, differences_;
-  std::unique_ptr<Colouring> colouring_;
+  Matrix jacobian_;
+  double t_ = 0.0;  // of the differences
+  std::unique_ptr<FiniteDifferences> differences_;
 };
 
 /// Discretises `system` by HOMSP on `grid`: F = J^{-1} [u - u_k - h f(t_{k+1}, u)], box on z, J the jumps
