@@ -47,8 +47,8 @@ inline constexpr double held_rtol = 1e-12;
 ///
 /// Each process is one implementation. The order of calls in a step: `begin` (the box, from what is known at
 /// t_k), then any number of `residual`, `jacobian`, `row_terms`, then `settle` once the solver is done, then
-/// `accept` if the settled point is certified. Without `accept` the state is still that of t_k, and `begin`
-/// may be called again.
+/// `accept` if the settled point is certified and `admissible`. Without `accept` the state is still that of
+/// t_k, and `begin` may be called again.
 ///
 /// A process with a method of its own may find the solution itself (`predict`), or prove that there is none
 /// (`obstacle`); SNESVI then only certifies.
@@ -86,6 +86,9 @@ public:
   virtual Degenerate degenerate() const { return Degenerate::undecided; }
   /// Puts what is at its bound, up to rounding of its own row, exactly there: the largest active set.
   virtual void settle(Vec u) = 0;
+  /// Whether a certified point is one that the process takes, where its VI has several solutions: the others
+  /// count as unsolved. The same on every rank.
+  virtual bool admissible(Vec) { return true; }
   /// Takes u as the state at t_{k+1}. `f` is F(u).
   virtual void accept(Vec u, Vec f) = 0;
 

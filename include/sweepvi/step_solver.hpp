@@ -47,7 +47,8 @@ struct StepReport {
 /// SNES stops when the certificate is met at `target`, or stops improving below 1e-12; its own tolerances do
 /// not enter. A predictor guesses the solution first (src/vi/predictor.hpp); where it is right, SNES accepts
 /// it at iteration 0. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the
-/// other type from there, both from the projection of zero.
+/// other type from there, both from the projection of zero. A certified point that the process does not take
+/// (Dvi::admissible) is a failed attempt.
 class StepSolver {
 public:
   /// @param snes  set up here with defaults (reduced space, preonly + LU by MUMPS), then SNESSetFromOptions:

@@ -98,7 +98,8 @@ ExitCode run(MPI_Comm comm, const CommandLine& line) {
   if (trouble) throw *trouble;
 
   const bool failed = !report.certified;
-  if (failed && report.obstacle.empty()) summary.max_residual = std::max(summary.max_residual, report.residual);
+  if (failed && report.obstacle.empty())
+    summary.max_residual = std::max(summary.max_residual, report.residual);
   summary.exit = failed ? ExitCode::unsolved : ExitCode::done;
   summary.status = failed ? "failed" : "done";
   recorder.file().attribute("status", summary.status);

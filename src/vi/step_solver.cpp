@@ -325,7 +325,7 @@ StepReport StepSolver::solve(const Step& step) {
     iterations += attempt(rung % 2 == 1, rung >= 2, report.reason);
     problem_.settle(u_.get());
     report.residual = worst_ratio(u_.get());
-    report.certified = report.residual <= certificate_.rtol;
+    report.certified = report.residual <= certificate_.rtol && problem_.admissible(u_.get());
     report.predicted = predicted && rung == 0 && iterations == 0;
     if (report.certified) {
       report.iterations = iterations;
