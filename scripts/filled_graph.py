@@ -24,8 +24,8 @@ class FilledGraph:
         return self.x[k] + part[:, None] * (self.x[k + 1] - self.x[k])
 
 
-def distance_to_segments(t, x, graph, first, last):
-    """min over the segments first <= k < last of `graph`, of the distance of the point (t, x): exact.
+def distances_to_segments(t, x, graph, first, last):
+    """Distance of the point (t, x) from each of the segments first <= k < last of `graph`: exact.
 
     On a segment both |t - s| and |x - y| are convex, so their maximum is least where one of them is and the other is
     smaller, or where they are equal, or at an end.
@@ -43,26 +43,29 @@ def distance_to_segments(t, x, graph, first, last):
     alpha, beta, gamma = b * b - vv, a * b - uv, a * a - uu
     root = np.sqrt(np.maximum(beta * beta - alpha * gamma, 0.0))
     large = -beta - np.where(beta >= 0.0, root, -root)  # the root that does not cancel
-    best = np.inf
+    best = np.full(len(a), np.inf)
     for q in (np.zeros_like(a), np.ones_like(a), -ratio(a, b), -ratio(uv, vv), ratio(large, alpha), ratio(gamma, large)):
         q = np.clip(q, 0.0, 1.0)
-        space = np.sqrt(np.maximum(uu + q * (2.0 * uv + q * vv), 0.0))
-        best = min(best, np.maximum(np.abs(a + b * q), space).min())
+        best = np.minimum(best, np.maximum(np.abs(a + b * q), np.linalg.norm(u + q[:, None] * v, axis=1)))
     return best
 
 
-def distance_to_graph(t, x, graph, bound):
-    """Distance of the point (t, x) from `graph`, which is at most `bound`: only segments that near in time matter."""
-    first = max(np.searchsorted(graph.t, t - bound, side="left") - 1, 0)
+def nearest(t, x, graph, bound):
+    """Distance of the point (t, x) from `graph`, which is at most `bound`, and the nearest segment."""
+    first = max(np.searchsorted(graph.t, t - bound, side="left") - 1, 0)  # others are farther in time
     last = min(np.searchsorted(graph.t, t + bound, side="right"), len(graph.t) - 1)
-    return min(bound, distance_to_segments(t, x, graph, first, max(last, first + 1)))
+    first = min(first, len(graph.t) - 2)
+    distances = distances_to_segments(t, x, graph, first, max(last, first + 1))
+    k = int(np.argmin(distances))
+    return distances[k], first + k
 
 
 def excess(f, g, rtol=1e-4):
     """e(f, g) of (68): how far points of f are from g, to a relative error of rtol.
 
-    The distance from g is 1-Lipschitz, so on a piece of f of length L with ends d1 and d2 from g it is at most
-    (d1 + d2 + L) / 2: pieces that cannot exceed the largest distance found so far are dropped, the others halved.
+    Pieces of f that cannot exceed the largest distance found so far are dropped, the others halved. With ends d1 and d2
+    from g, a piece of length L is nowhere farther than (d1 + d2 + L) / 2; and nowhere farther than its ends are from any
+    one segment of g, because the distance from a convex set is convex.
     """
     bounds = np.linalg.norm(g.at(f.t) - f.x, axis=1)  # at the same time
     length = np.maximum(np.diff(f.t), np.linalg.norm(np.diff(f.x, axis=0), axis=1))
@@ -72,30 +75,33 @@ def excess(f, g, rtol=1e-4):
     def vertex(k):
         nonlocal best
         if np.isnan(exact[k]):
-            exact[k] = distance_to_graph(f.t[k], f.x[k], g, bounds[k])
+            exact[k] = nearest(f.t[k], f.x[k], g, bounds[k])[0]
             best = max(best, exact[k])
         return exact[k]
 
-    upper = (bounds[:-1] + bounds[1:] + length) / 2.0  # of each segment
     for k in np.argsort(-bounds):
         if bounds[k] <= best:
             break
         vertex(k)
+    upper = (bounds[:-1] + bounds[1:] + length) / 2.0
     for k in np.argsort(-upper):
         if upper[k] <= best * (1.0 + rtol):
             break
+
+        def point(q, k=k):
+            return f.t[k] + q * (f.t[k + 1] - f.t[k]), f.x[k] + q * (f.x[k + 1] - f.x[k])
+
         pieces = [(0.0, vertex(k), 1.0, vertex(k + 1))]
         while pieces:
             q1, d1, q2, d2 = pieces.pop()
             if (d1 + d2 + (q2 - q1) * length[k]) / 2.0 <= best * (1.0 + rtol):
                 continue
             q = (q1 + q2) / 2.0
-            t = f.t[k] + q * (f.t[k + 1] - f.t[k])
-            x = f.x[k] + q * (f.x[k + 1] - f.x[k])
-            nearby = min(d1 + (q - q1) * length[k], d2 + (q2 - q) * length[k])
-            d = distance_to_graph(t, x, g, nearby)
+            d, segment = nearest(*point(q), g, min(d1, d2) + (q2 - q1) / 2.0 * length[k])
             best = max(best, d)
-            pieces += [(q1, d1, q, d), (q, d, q2, d2)]
+            ends = [distances_to_segments(*point(end), g, segment, segment + 1)[0] for end in (q1, q2)]
+            if max(ends) > best * (1.0 + rtol):
+                pieces += [(q1, d1, q, d), (q, d, q2, d2)]
     return best
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -93,3 +94,17 @@ def content(folder):
 
 def read_json(path):
     return json.loads(Path(path).read_text())
+
+
+class Verdict:
+    """Collects what was expected and not found, so that one run of a test shows all of it."""
+
+    def __init__(self):
+        self.failed = False
+
+    def expect(self, holds, text):
+        print(("ok      " if holds else "FAILED  ") + text, flush=True)
+        self.failed = self.failed or not holds
+
+    def exit(self):
+        sys.exit(1 if self.failed else 0)

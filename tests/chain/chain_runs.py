@@ -8,6 +8,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "app"))
 import h5py
 import program
+from program import Verdict
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
 # Solvers lighter than the default MUMPS. The certificate of each step is the same whichever is used.
@@ -59,17 +60,3 @@ def run(scene, ranks=1, options=(), name=None, timeout=600):
     summary = file.with_suffix(".json")
     call("run", scene, "-o", file, "--force", "--summary", summary, *options, ranks=ranks, timeout=timeout)
     return h5py.File(file, "r"), program.read_json(summary)
-
-
-class Verdict:
-    """Collects what was expected and not found, so that one run of a test shows all of it."""
-
-    def __init__(self):
-        self.failed = False
-
-    def expect(self, holds, text):
-        print(("ok      " if holds else "FAILED  ") + text, flush=True)
-        self.failed = self.failed or not holds
-
-    def exit(self):
-        sys.exit(1 if self.failed else 0)
