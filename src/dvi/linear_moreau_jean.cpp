@@ -1,0 +1,429 @@
+#include "dvi/linear_moreau_jean.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dvi/form_option.hpp"
+#include "dvi/stacked.hpp"
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+namespace {
+
+constexpr double inherited = 0.1;  // of the terms of the velocities that a constraint reads
+
+void absolute_values(Vec from, Vec to) {
+  check(VecCopy(from, to));
+  check(VecAbs(to));
+}
+
+Matrix squares(Mat matrix) {
+  RowBuilder rows;
+  for_each_row(matrix, [&](PetscInt, auto columns, auto values) {
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      rows.add(columns[k], values[k] * values[k]);
+    rows.end_row();
+  });
+  return rows.finish(PetscObjectComm(reinterpret_cast<PetscObject>(matrix)), column_range(matrix).size());
+}
+
+std::vector<double> product(Mat matrix, Vec x) {
+  Vector y;
+  check(MatCreateVecs(matrix, nullptr, y.put()));
+  check(MatMult(matrix, x, y.get()));
+  const ReadArray values(y.get());
+  return {values.data(), values.data() + values.size()};
+}
+
+double local_dot(Vec a, Vec b) {
+  const ReadArray x(a);
+  const ReadArray y(b);
+  double sum = 0.0;
+  for (PetscInt i = 0; i < x.size(); ++i)
+    sum += x[i] * y[i];
+  return sum;
+}
+
+}  // namespace
+
+LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJeanOptions& options, double h,
+                                   bool dual)
+    : MoreauJean(system.comm(), options, h, system.q0.get(), system.v0.get()), system_(system), dual_(dual) {
+  for (Vector* vector : {&scale_, &forces_, &theta_forces_, &part_, &abs_})
+    *vector = duplicate(q_.get());
+  make_scales();
+  const double rest = 1.0 - theta_;
+  const Matrix J = scaled(1.0, h * theta_, h * h * theta_ * theta_);
+  matrix_ = dual ? saddle(J.get()) : Matrix::share(J.get());
+  of_v_ = scaled(1.0, -h * rest, -h * h * theta_ * rest);
+  of_q_ = scaled(0.0, 0.0, -h);
+  abs_matrix_ = absolute_copy(matrix_.get());
+  abs_of_v_ = absolute_copy(of_v_.get());
+  abs_of_q_ = absolute_copy(of_q_.get());
+  first_row_ = row_range(matrix_.get()).first;
+  if (!dual) find_places();
+  check(MatCreateVecs(matrix_.get(), u_.put(), nullptr));
+  for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_, &known_})
+    *vector = duplicate(u_.get());
+  {
+    const ReadArray v(v_.get());
+    const WriteArray u(u_.get());
+    std::fill_n(u.data(), u.size(), 0.0);
+    std::copy_n(v.data(), v.size(), u.data());
+  }
+  std::vector<double> gaps = product(system.H.get(), q_.get());
+  {
+    const ReadArray offset(system.g0.get());
+    for (std::size_t a = 0; a < gaps.size(); ++a)
+      gaps[a] += offset[static_cast<PetscInt>(a)];
+  }
+  contacts_.start(std::move(gaps), product(system.H.get(), v_.get()), system.e.get());
+  tested_.resize(contacts_.size());
+
+  for (const Forcing::Entry& entry : system.f.constant) {
+    const WriteArray forces(forces_.get());
+    forces[entry.local] += entry.signal.value(0.0);
+  }
+  const Matrix twist = add(system.K.get(), -1.0, transpose(system.K.get()).get());
+  double largest[2] = {0.0, 0.0};
+  check(MatNorm(twist.get(), NORM_INFINITY, &largest[0]));
+  check(MatNorm(system.K.get(), NORM_INFINITY, &largest[1]));
+  if (largest[0] <= rounding * largest[1]) return;
+  circulatory_ = Matrix::share(twist.get());
+  check(MatScale(circulatory_.get(), 0.5));
+}
+
+// d_j = M_jj + h theta |C_jj| + h^2 theta^2 |K_jj|, and delta = diag(H d^-1 H').
+void LinearMoreauJean::make_scales() {
+  const auto add_diagonal = [&](Mat matrix, double factor) {
+    if (matrix == nullptr) return;
+    const LocalRange range = row_range(matrix);
+    const WriteArray d(scale_.get());
+    for_each_row(matrix, [&](PetscInt row, auto columns, auto values) {
+      for (std::size_t k = 0; k < columns.size(); ++k)
+        if (columns[k] == row) d[row - range.first] += factor * std::abs(values[k]);
+    });
+  };
+  add_diagonal(system_.M.get(), 1.0);
+  add_diagonal(system_.C.get(), h_ * theta_);
+  add_diagonal(system_.K.get(), h_ * h_ * theta_ * theta_);
+  check(VecReciprocal(scale_.get()));
+  if (dual_) delta_ = product(squares(system_.H.get()).get(), scale_.get());
+}
+
+// d^-1 (m M + c C + k K)
+Matrix LinearMoreauJean::scaled(double m, double c, double k) const {
+  RowBuilder rows;
+  const ReadArray scale(scale_.get());
+  const LocalRange range = row_range(system_.M.get());
+  for (PetscInt row = range.first; row < range.last; ++row) {
+    const double s = scale[row - range.first];
+    if (m != 0.0) rows.add(get_row(system_.M.get(), row), m * s);
+    if (c != 0.0 && system_.C) rows.add(get_row(system_.C.get(), row), c * s);
+    if (k != 0.0) rows.add(get_row(system_.K.get(), row), k * s);
+    rows.end_row();
+  }
+  return rows.finish(comm(), local_);
+}
+
+// [J  -d^-1 H' delta^-1; H  0]
+Matrix LinearMoreauJean::saddle(Mat J) const {
+  Vector nu;
+  check(MatCreateVecs(system_.H.get(), nullptr, nu.put()));
+  {
+    const WriteArray values(nu.get());
+    for (std::size_t a = 0; a < delta_.size(); ++a)
+      values[static_cast<PetscInt>(a)] = 1.0 / delta_[a];
+  }
+  Matrix pushes = transpose(system_.H.get());
+  check(MatDiagonalScale(pushes.get(), scale_.get(), nu.get()));
+  const Stacked number(J, nu.get());
+  const LocalRange coordinates = row_range(J);
+  const LocalRange constraints = row_range(system_.H.get());
+  RowBuilder rows;
+  for (PetscInt j = coordinates.first; j < coordinates.last; ++j) {
+    for (const auto& [column, value] : get_row(J, j))
+      rows.add(number.x(column), value);
+    for (const auto& [column, value] : get_row(pushes.get(), j))
+      rows.add(number.nu(column), -value);
+    rows.end_row();
+  }
+  for (PetscInt a = constraints.first; a < constraints.last; ++a) {
+    for (const auto& [column, value] : get_row(system_.H.get(), a))
+      rows.add(number.x(column), value);
+    rows.add(number.nu(a), 0.0);  // room for the row nu = 0 where a is not detected
+    rows.end_row();
+  }
+  return rows.finish(comm(), coordinates.size() + constraints.size());
+}
+
+// Box on v: the one coordinate of each constraint.
+void LinearMoreauJean::find_places() {
+  const LocalRange coordinates = row_range(system_.M.get());
+  for_each_row(system_.H.get(), [&](PetscInt, auto columns, auto values) {
+    for (std::size_t k = 0; k < columns.size(); ++k) {
+      if (values[k] == 0.0) continue;
+      place_.push_back(columns[k] - coordinates.first);
+      weight_.push_back(values[k]);
+    }
+  });
+}
+
+Matrix LinearMoreauJean::create_jacobian() const {
+  Matrix jacobian;
+  check(MatDuplicate(matrix_.get(), MAT_COPY_VALUES, jacobian.put()));
+  check(MatSetOption(jacobian.get(), MAT_KEEP_NONZERO_PATTERN, PETSC_TRUE));
+  return jacobian;
+}
+
+// theta f(t_{k+1}) + (1 - theta) f(t_k) of these entries.
+void LinearMoreauJean::find_theta_forces(const std::vector<Forcing::Entry>& entries, const Step& step,
+                                         Vec forces) const {
+  const WriteArray values(forces);
+  std::fill_n(values.data(), values.size(), 0.0);
+  for (const Forcing::Entry& entry : entries)
+    values[entry.local] +=
+        theta_ * entry.signal.value(step.t_new) + (1.0 - theta_) * entry.signal.value(step.t_old);
+}
+
+void LinearMoreauJean::find_rhs(const Step& step) {
+  if (system_.f.varies) find_theta_forces(system_.f.varying, step, theta_forces_.get());
+  check(VecSet(rhs_.get(), 0.0));
+  check(VecSet(rhs_terms_.get(), 0.0));
+  const auto add_product = [&](Mat matrix, Vec x, const Vector& sum) {
+    check(MatMult(matrix, x, part_.get()));
+    const ReadArray product(part_.get());
+    const WriteArray values(sum.get());
+    for (PetscInt j = 0; j < local_; ++j)
+      values[j] += product[j];
+  };
+  add_product(of_v_.get(), v_.get(), rhs_);
+  add_product(of_q_.get(), q_.get(), rhs_);
+  absolute_values(v_.get(), abs_.get());
+  add_product(abs_of_v_.get(), abs_.get(), rhs_terms_);
+  absolute_values(q_.get(), abs_.get());
+  add_product(abs_of_q_.get(), abs_.get(), rhs_terms_);
+  const ReadArray constant(forces_.get());
+  const ReadArray varying(theta_forces_.get());
+  const ReadArray scale(scale_.get());
+  const WriteArray rhs(rhs_.get());
+  const WriteArray terms(rhs_terms_.get());
+  for (PetscInt j = 0; j < local_; ++j) {
+    rhs[j] += h_ * scale[j] * (constant[j] + varying[j]);
+    terms[j] += h_ * scale[j] * (std::abs(constant[j]) + std::abs(varying[j]));
+  }
+}
+
+void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
+  const double ahead = reach_of(detection_) * h_;
+  for (std::size_t a = 0; a < tested_.size(); ++a)
+    tested_[a] = contacts_.gap[a] + ahead * contacts_.velocity[a];
+  const std::vector<int> last = contacts_.level;
+  contacts_.detect(tested_, detection_);
+  if (dual_ && contacts_.level != last) ++version_;
+  find_rhs(step);
+  check(VecSet(lower, PETSC_NINFINITY));
+  check(VecSet(upper, PETSC_INFINITY));
+  check(VecCopy(u_.get(), guess));
+
+  const WriteArray l(lower);
+  const WriteArray b(upper);
+  if (!dual_) {
+    for (std::size_t a = 0; a < contacts_.size(); ++a)
+      if (contacts_.detected(a)) (weight_[a] > 0.0 ? l : b)[place_[a]] = contacts_.rebound(a) / weight_[a];
+    return;
+  }
+  {
+    const WriteArray start(guess);
+    for (std::size_t a = 0; a < contacts_.size(); ++a) {
+      if (pinned(a))
+        start[row(a)] = 0.0;
+      else
+        l[row(a)] = 0.0;
+    }
+  }
+  // H v_k by the matrix that gives H v: where v = v_k, their difference is 0 to the bit.
+  check(VecCopy(u_.get(), terms_.get()));
+  {
+    const WriteArray old(terms_.get());
+    std::fill(old.data() + local_, old.data() + old.size(), 0.0);
+  }
+  check(MatMult(matrix_.get(), terms_.get(), work_.get()));
+  check(VecAbs(terms_.get()));
+  {
+    const ReadArray old(work_.get());
+    const WriteArray rhs(rhs_.get());
+    for (std::size_t a = 0; a < contacts_.size(); ++a)
+      rhs[row(a)] = old[row(a)] - (contacts_.velocity[a] - contacts_.rebound(a));
+  }
+  check(MatMult(abs_matrix_.get(), terms_.get(), work_.get()));
+  const ReadArray old(work_.get());
+  const WriteArray terms(rhs_terms_.get());
+  for (std::size_t a = 0; a < contacts_.size(); ++a)
+    terms[row(a)] = old[row(a)] + std::abs(contacts_.velocity[a]) + std::abs(contacts_.rebound(a));
+}
+
+void LinearMoreauJean::residual(Vec u, Vec f) {
+  check(MatMult(matrix_.get(), u, f));
+  check(VecAXPY(f, -1.0, rhs_.get()));
+  if (!dual_) return;
+  const ReadArray values(u);
+  const WriteArray result(f);
+  for (std::size_t a = 0; a < contacts_.size(); ++a)
+    if (pinned(a)) result[row(a)] = values[row(a)];
+}
+
+// In contact H v is zero in exact arithmetic, while v itself is known up to the terms of its own row: of
+// those a tenth counts as the constraint's, too.
+void LinearMoreauJean::row_terms(Vec u, Vec terms) {
+  absolute_values(u, work_.get());
+  check(MatMultAdd(abs_matrix_.get(), work_.get(), rhs_terms_.get(), terms));
+  if (!dual_) return;
+  check(VecCopy(terms, work_.get()));
+  {
+    const WriteArray read(work_.get());
+    std::fill(read.data() + local_, read.data() + read.size(), 0.0);
+  }
+  check(MatMult(abs_matrix_.get(), work_.get(), terms_.get()));
+  const ReadArray spread(terms_.get());
+  const ReadArray values(u);
+  const WriteArray result(terms);
+  for (std::size_t a = 0; a < contacts_.size(); ++a) {
+    if (pinned(a))
+      result[row(a)] = std::abs(values[row(a)]);
+    else
+      result[row(a)] += inherited * spread[row(a)];
+  }
+}
+
+void LinearMoreauJean::jacobian(Vec, Mat jacobian) {
+  check(MatCopy(matrix_.get(), jacobian, SAME_NONZERO_PATTERN));
+  if (!dual_) return;
+  std::vector<PetscInt> rows;
+  for (std::size_t a = 0; a < contacts_.size(); ++a)
+    if (pinned(a)) rows.push_back(first_row_ + row(a));
+  check(MatZeroRows(jacobian, static_cast<PetscInt>(rows.size()), rows.data(), 1.0, nullptr, nullptr));
+}
+
+void LinearMoreauJean::settle(Vec u) {
+  row_terms(u, known_.get());
+  if (dual_) residual(u, work_.get());
+  const ReadArray scale(known_.get());
+  const ReadArray f(work_.get());
+  const WriteArray values(u);
+  for (std::size_t a = 0; a < contacts_.size(); ++a) {
+    double& value = values[row(a)];
+    if (!dual_) {
+      const double bound = contacts_.rebound(a) / weight_[a];
+      if (contacts_.detected(a) && std::abs(value - bound) <= held_rtol * scale[row(a)]) value = bound;
+    } else if (pinned(a) || value < 0.0) {
+      value = 0.0;
+    } else if (f[row(a)] > value && f[row(a)] > held_rtol * scale[row(a)]) {
+      value = 0.0;  // open
+    }
+  }
+}
+
+void LinearMoreauJean::accept(Vec u, Vec f) {
+  find_increments(u);
+  row_terms(u, known_.get());
+  {
+    const ReadArray terms(known_.get());
+    const ReadArray residual(f);
+    const ReadArray values(u);
+    const ReadArray scale(scale_.get());
+    for (std::size_t a = 0; a < contacts_.size(); ++a) {
+      const PetscInt i = row(a);
+      const double noise = held_rtol * terms[i];
+      const double old = contacts_.velocity[a];
+      const double rebound = contacts_.rebound(a);
+      bool holds = contacts_.detected(a);
+      double impulse = 0.0;
+      double velocity = 0.0;
+      if (dual_) {
+        holds = holds && (residual[i] < values[i] || std::abs(residual[i]) <= noise);
+        impulse = holds ? values[i] / delta_[a] : 0.0;
+        velocity = rebound + residual[i];
+      } else {
+        holds = holds && values[i] == rebound / weight_[a];
+        const double push = residual[i] / (scale[i] * weight_[a]);
+        impulse = holds && residual[i] * weight_[a] > noise * std::abs(weight_[a]) ? push : 0.0;
+        velocity = weight_[a] * values[i];
+      }
+      contacts_.take_impulse(a, holds, impulse);
+      const double now = holds ? rebound : velocity;
+      contacts_.velocity[a] = now;
+      contacts_.gap[a] += h_ * (theta_ * now + (1.0 - theta_) * old);
+      lost_.dissipated -= 0.5 * impulse * (old + now);
+      lost_.scheme -= (theta_ - 0.5) * impulse * (now - old);
+    }
+  }
+  account();
+  advance(u);
+}
+
+// What a step loses and gains besides impacts. With x_theta = mean + (theta - 1/2) dx, the product of the
+// step's equation with dq = h v_theta is the energy balance.
+void LinearMoreauJean::account() {
+  const auto form = [this](Mat matrix, const Vector& x, const Vector& y) {
+    check(MatMult(matrix, y.get(), part_.get()));
+    return local_dot(x.get(), part_.get());
+  };
+  if (system_.C) lost_.damping += form(system_.C.get(), dq_, dq_) / h_;
+  if (system_.f.varies) lost_.work += local_dot(dq_.get(), theta_forces_.get());
+  if (circulatory_) {
+    check(VecWAXPY(abs_.get(), 0.5, dq_.get(), q_.get()));
+    lost_.work -= form(circulatory_.get(), dq_, abs_);
+  }
+  if (theta_ != 0.5)
+    lost_.scheme += (theta_ - 0.5) * (form(system_.M.get(), dv_, dv_) + form(system_.K.get(), dq_, dq_));
+}
+
+Energy LinearMoreauJean::energy() {
+  const auto half_form = [this](Mat matrix, const Vector& x) {
+    check(MatMult(matrix, x.get(), part_.get()));
+    return 0.5 * local_dot(x.get(), part_.get());
+  };
+  Energy sum = lost_;
+  sum.kinetic = half_form(system_.M.get(), v_);
+  sum.potential = half_form(system_.K.get(), q_) - local_dot(forces_.get(), q_.get());
+  return summed(comm(), sum);
+}
+
+std::string against_box_on_v(const LagrangianSystem& system) {
+  const LocalRange coordinates = row_range(system.M.get());
+  std::vector<char> taken(static_cast<std::size_t>(coordinates.size()), 0);
+  int obstacle = 0;
+  for_each_row(system.H.get(), [&](PetscInt, auto columns, auto values) {
+    int count = 0;
+    for (std::size_t k = 0; k < columns.size(); ++k) {
+      if (values[k] == 0.0) continue;
+      if (!coordinates.contains(columns[k])) {
+        obstacle = std::max(obstacle, 1);
+      } else if (++count > 1 ||
+                 std::exchange(taken[static_cast<std::size_t>(columns[k] - coordinates.first)], 1)) {
+        obstacle = 2;
+      }
+    }
+  });
+  MPI_Allreduce(MPI_IN_PLACE, &obstacle, 1, MPI_INT, MPI_MAX, system.comm());
+  if (obstacle == 0) return "";
+  return obstacle == 1 ? "a constraint and the coordinate it reads are on different ranks"
+                       : "a constraint reads several coordinates, or two constraints the same one";
+}
+
+std::unique_ptr<MechanicalDvi> make_moreau_jean(const LagrangianSystem& system,
+                                                const MoreauJeanOptions& options, const TimeGrid& grid) {
+  const std::string asked = asked_form(system.comm());
+  const std::string obstacle = against_box_on_v(system);
+  if (asked != "auto" && asked != "box-on-v" && asked != "primal-dual")
+    throw InputError("-sweepvi_form is '" + asked + "'; moreau-jean takes auto, box-on-v or primal-dual");
+  if (asked == "box-on-v" && !obstacle.empty())
+    throw InputError("-sweepvi_form box-on-v does not fit: " + obstacle + "; use primal-dual");
+  const bool dual = asked == "primal-dual" || !obstacle.empty();
+  return std::make_unique<LinearMoreauJean>(system, options, grid.h(), dual);
+}
+
+}  // namespace sweepvi

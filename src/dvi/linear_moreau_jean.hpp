@@ -1,0 +1,65 @@
+#pragma once
+
+#include <vector>
+
+#include "dvi/moreau_jean.hpp"
+
+namespace sweepvi {
+
+/// Moreau and Jean's scheme for a LagrangianSystem. With positions eliminated,
+///
+///     J v_{k+1} = r + H' mu,    J = M + h theta C + h^2 theta^2 K,
+///     r = (M - h (1-theta) C - h^2 theta (1-theta) K) v_k - h K q_k + h f_theta,
+///
+/// where row j is divided by d_j, so that all rows read velocities. Two forms of the same box VI:
+///
+///   - box on v: F = J v - r, which is H' mu; H_aj v_j >= -e_a (H v_k)_a where constraint a is detected.
+///   - primal-dual: unknowns (v, nu), nu_a = delta_a mu_a a velocity too, delta = diag(H d^-1 H');
+///     F = (J v - r - H' mu,  H v_{k+1} + e H v_k) with nu >= 0, or nu = 0 where a is not detected.
+///
+/// H v_{k+1} is taken as (H v_k carried along) + H (v_{k+1} - v_k): what the solver left of a contact's
+/// velocity is not handed on.
+class LinearMoreauJean final : public MoreauJean {
+public:
+  LinearMoreauJean(const LagrangianSystem& system, const MoreauJeanOptions& options, double h, bool dual);
+
+  Matrix create_jacobian() const override;
+  void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
+  void residual(Vec u, Vec f) override;
+  void row_terms(Vec u, Vec terms) override;
+  void jacobian(Vec u, Mat jacobian) override;
+  std::uint64_t jacobian_version() const override { return version_; }
+  Degenerate degenerate() const override { return dual_ ? Degenerate::off_bound : Degenerate::at_bound; }
+  void settle(Vec u) override;
+  void accept(Vec u, Vec f) override;
+  Energy energy() override;
+
+private:
+  void make_scales();
+  Matrix scaled(double m, double c, double k) const;
+  Matrix saddle(Mat J) const;
+  void find_places();
+  void find_rhs(const Step& step);
+  void find_theta_forces(const std::vector<Forcing::Entry>& entries, const Step& step, Vec forces) const;
+  void account();
+  PetscInt row(std::size_t a) const { return dual_ ? local_ + static_cast<PetscInt>(a) : place_[a]; }
+  bool pinned(std::size_t a) const { return dual_ && !contacts_.detected(a); }
+
+  const LagrangianSystem& system_;
+  bool dual_;
+  Vector scale_;                                   // 1 / d
+  std::vector<double> delta_;                      // per constraint, primal-dual
+  std::vector<PetscInt> place_;                    // per constraint, box on v: its coordinate
+  std::vector<double> weight_;                     // H there
+  Matrix matrix_, abs_matrix_;                     // dF/du, no row pinned
+  Matrix of_v_, abs_of_v_;                         // d^-1 (M - h (1-theta) C - h^2 theta (1-theta) K)
+  Matrix of_q_, abs_of_q_;                         // -h d^-1 K
+  Matrix circulatory_;                             // (K - K') / 2, or empty
+  Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
+  Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
+  std::vector<double> tested_;
+  std::uint64_t version_ = 0;  // counts changes of what is pinned
+  PetscInt first_row_ = 0;     // global number of this rank's first unknown
+};
+
+}  // namespace sweepvi

@@ -1,0 +1,60 @@
+#include "dvi/moreau_jean.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+Energy summed(MPI_Comm comm, const Energy& mine) {
+  double sums[] = {mine.kinetic, mine.potential, mine.dissipated, mine.damping, mine.work, mine.scheme};
+  MPI_Allreduce(MPI_IN_PLACE, sums, 6, MPI_DOUBLE, MPI_SUM, comm);
+  return {sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]};
+}
+
+MoreauJean::MoreauJean(MPI_Comm comm, const MoreauJeanOptions& options, double h, Vec q0, Vec v0)
+    : comm_(comm), h_(h), theta_(options.theta), detection_(options.detection) {
+  if (!(theta_ > 0.0 && theta_ <= 1.0))
+    throw InputError(fmt::format("theta of moreau-jean is {}; expected more than 0 and at most 1", theta_));
+  for (Vector* vector : {&q_, &v_, &dq_, &dv_})
+    *vector = duplicate(q0);
+  check(VecCopy(q0, q_.get()));
+  check(VecCopy(v0, v_.get()));
+  check(VecGetLocalSize(q0, &local_));
+  x_ = make_vector(comm, 2 * local_);
+  set_x();
+}
+
+void MoreauJean::set_x() {
+  const ReadArray q(q_.get());
+  const ReadArray v(v_.get());
+  const WriteArray x(x_.get());
+  std::copy_n(q.data(), local_, x.data());
+  std::copy_n(v.data(), local_, x.data() + local_);
+}
+
+void MoreauJean::find_increments(Vec u) {
+  const ReadArray v_new(u);
+  const ReadArray v_old(v_.get());
+  const WriteArray dq(dq_.get());
+  const WriteArray dv(dv_.get());
+  for (PetscInt j = 0; j < local_; ++j) {
+    dv[j] = v_new[j] - v_old[j];
+    dq[j] = h_ * (theta_ * v_new[j] + (1.0 - theta_) * v_old[j]);
+  }
+}
+
+void MoreauJean::advance(Vec u) {
+  check(VecAXPY(q_.get(), 1.0, dq_.get()));
+  {
+    const ReadArray v_new(u);
+    const WriteArray v(v_.get());
+    std::copy_n(v_new.data(), local_, v.data());
+  }
+  set_x();
+  check(VecCopy(u, u_.get()));
+}
+
+}  // namespace sweepvi

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <vector>
+
+#include "dvi/contact_state.hpp"
+
+namespace sweepvi {
+
+/// The sums over all ranks. @note Collective.
+Energy summed(MPI_Comm comm, const Energy& mine);
+
+/// What the linear and the nonlinear form of Moreau and Jean's scheme share: positions, velocities, contacts,
+/// where the energy went, and reading them.
+class MoreauJean : public MechanicalDvi {
+public:
+  MPI_Comm comm() const final { return comm_; }
+  Vec state() const final { return u_.get(); }
+  Vec x() const final { return x_.get(); }
+  Vec q() const final { return q_.get(); }
+  Vec v() const final { return v_.get(); }
+  const std::vector<double>& w() const final { return contacts_.gap; }
+  const std::vector<double>& z() const final { return no_outputs_; }
+  const std::vector<double>& mu() const final { return contacts_.mu; }
+  int mu_levels() const final { return 2; }
+  const std::vector<int>& level() const final { return contacts_.level; }
+  const std::vector<Side>& side() const final { return contacts_.side; }
+  const std::vector<StepEvent>& events() const final { return contacts_.events; }
+  double penetration() const final { return contacts_.penetration(comm_); }
+  PetscInt active() const final { return contacts_.active(); }
+
+protected:
+  /// @throws Error (bad_input) if theta is outside (0, 1]
+  MoreauJean(MPI_Comm comm, const MoreauJeanOptions& options, double h, Vec q0, Vec v0);
+
+  /// dv = v_{k+1} - v_k and dq = h v_theta, from the first entries of u.
+  void find_increments(Vec u);
+  /// q += dq, v = v_{k+1}.
+  void advance(Vec u);
+
+  MPI_Comm comm_;
+  double h_;      // [s]
+  double theta_;  // weight of k+1
+  Detection detection_;
+  PetscInt local_ = 0;  // coordinates of this rank
+  ContactState contacts_;
+  Energy lost_;  // this rank's part of all but kinetic and potential
+  Vector u_, x_, q_, v_, dq_, dv_;
+
+private:
+  void set_x();
+  std::vector<double> no_outputs_;
+};
+
+}  // namespace sweepvi
