@@ -90,6 +90,9 @@ struct Element {
   StateLayout layout = StateLayout::element_by_element;
   std::vector<Key> keys = {};
   std::optional<std::size_t> restitution = {};  ///< the key that is Newton's: schemes without it take only 0
+  /// The key that is its mass, where states are (q, v) with q' = v, w reads q and lambda_i pushes v as the
+  /// transpose of that, over the mass: what moreau-jean needs to see M, K and C.
+  std::optional<std::size_t> mass = {};
   std::vector<Term> terms = {};
   std::optional<Coupling> coupling = {};  ///< none: no `coupling` key, and a chain is the only topology
   std::vector<Reading> readings = {};     ///< with `coupling` only of the element itself

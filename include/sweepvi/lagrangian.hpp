@@ -6,6 +6,7 @@
 
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/linear_system.hpp"
+#include "sweepvi/scheme.hpp"
 #include "sweepvi/time_grid.hpp"
 
 namespace sweepvi {
@@ -75,16 +76,6 @@ void distribute(LagrangianSystem& system);
 /// @note Collective.
 LinearSystem to_linear(const LagrangianSystem& system);
 
-/// Which position decides in step k -> k+1 that a constraint acts, i.e. that Newton's law holds for it.
-/// A ball dropped on the floor rebounds in the step in which it would pass the floor (predicted), after the
-/// first step that ended below it (current), or in between.
-enum class Detection {
-  predicted,  ///< H (q_k + h v_k) + g0 <= 0, AB (22)
-  midpoint,   ///< H (q_k + h/2 v_k) + g0 <= 0
-  current     ///< H q_k + g0 < 0
-};
-const char* name_of(Detection detection);
-
 /// Where the energy of a mechanical system went since the start, summed over all ranks [J]:
 ///
 ///     kinetic + potential + dissipated + damping + scheme - work = their sum at the start,
@@ -123,7 +114,9 @@ struct MoreauJeanOptions {
 ///
 /// Positions are eliminated: the unknowns are v alone where no two constraints share a coordinate (a box on
 /// v), else v and one impulse per constraint; -sweepvi_form box-on-v | primal-dual chooses. Gaps and their
-/// velocities are carried along, and those of constraints in contact are exactly -e times the last.
+/// velocities are carried along, and those of constraints in contact are exactly -e times the last. Which
+/// position detects: a ball dropped on the floor rebounds in the step in which it would pass the floor
+/// (predicted), in the one after the first that ended below it (current), or in between.
 /// Source: AB (22)-(24), with the misprints of theta and of signs corrected. `system` must outlive the
 /// result.
 /// @throws Error (bad_input) on every rank: theta outside (0, 1], a form that does not fit

@@ -265,9 +265,14 @@ void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) 
     terms[row(a)] = old[row(a)] + std::abs(contacts_.velocity[a]) + std::abs(contacts_.rebound(a));
 }
 
-void LinearMoreauJean::residual(Vec u, Vec f) {
+// F before rows are pinned: on those of constraints H v_{k+1} + e H v_k, whether detected or not.
+void LinearMoreauJean::evaluate(Vec u, Vec f) {
   check(MatMult(matrix_.get(), u, f));
   check(VecAXPY(f, -1.0, rhs_.get()));
+}
+
+void LinearMoreauJean::residual(Vec u, Vec f) {
+  evaluate(u, f);
   if (!dual_) return;
   const ReadArray values(u);
   const WriteArray result(f);
@@ -309,7 +314,7 @@ void LinearMoreauJean::jacobian(Vec, Mat jacobian) {
 
 void LinearMoreauJean::settle(Vec u) {
   row_terms(u, known_.get());
-  if (dual_) residual(u, work_.get());
+  if (dual_) evaluate(u, work_.get());
   const ReadArray scale(known_.get());
   const ReadArray f(work_.get());
   const WriteArray values(u);
@@ -326,12 +331,13 @@ void LinearMoreauJean::settle(Vec u) {
   }
 }
 
-void LinearMoreauJean::accept(Vec u, Vec f) {
+void LinearMoreauJean::accept(Vec u, Vec) {
   find_increments(u);
   row_terms(u, known_.get());
+  evaluate(u, work_.get());
   {
     const ReadArray terms(known_.get());
-    const ReadArray residual(f);
+    const ReadArray residual(work_.get());
     const ReadArray values(u);
     const ReadArray scale(scale_.get());
     for (std::size_t a = 0; a < contacts_.size(); ++a) {

@@ -41,6 +41,7 @@ private:
   void find_places();
   void find_rhs(const Step& step);
   void find_theta_forces(const std::vector<Forcing::Entry>& entries, const Step& step, Vec forces) const;
+  void evaluate(Vec u, Vec f);
   void account();
   PetscInt row(std::size_t a) const { return dual_ ? local_ + static_cast<PetscInt>(a) : place_[a]; }
   bool pinned(std::size_t a) const { return dual_ && !contacts_.detected(a); }

@@ -202,7 +202,7 @@ void ask(const TomlValue& table, const Element& element) {
 
 std::vector<Scheme> chain_schemes(const TomlValue& table) {
   std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
-  if (read_element(table["element"]).restitution) schemes.push_back(Scheme::moreau_jean);
+  if (read_element(table["element"]).mass) schemes.push_back(Scheme::moreau_jean);
   return schemes;
 }
 

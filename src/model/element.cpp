@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <utility>
 
 #include "model/builtin_elements.hpp"
 #include "sweepvi/error.hpp"
@@ -61,12 +62,34 @@ void check_states(const Element& element) {
   if (element.coupling) known("the coupling", element.coupling->row);
 }
 
+/// States (q, v), q' = v alone; w reads q, lambda pushes v.
+void check_mechanics(const Element& element) {
+  const auto of = [](const auto& entries, int row) {
+    return std::count_if(entries.begin(), entries.end(),
+                         [row](const auto& entry) { return entry.row == row; });
+  };
+  const bool kinematic =
+      element.states.size() == 2 && of(element.terms, 0) == 1 && of(element.loads, 0) == 0 &&
+      of(element.forces, 0) == 0 && !(element.coupling && element.coupling->row == 0) &&
+      std::all_of(element.terms.begin(), element.terms.end(),
+                  [](const Element::Term& term) { return term.row != 0 || term.column == 1; });
+  const bool reads_q = std::all_of(element.readings.begin(), element.readings.end(),
+                                   [](const Element::Reading& reading) { return reading.state == 0; });
+  const bool pushes_v = std::all_of(element.pushes.begin(), element.pushes.end(),
+                                    [](const Element::Push& push) { return push.state == 1; });
+  if (!kinematic || !reads_q || !pushes_v)
+    refuse(element, "has a mass, so its states must be (q, v) with q' = v, w must read q and lambda push v");
+}
+
 void check_constraint(const Element& element) {
   if (element.readings.empty()) refuse(element, "has no readings; its constraint w needs at least one");
   if (element.pushes.empty()) refuse(element, "has no pushes; its lambda needs at least one");
-  if (element.restitution && *element.restitution >= element.keys.size())
-    refuse(element, fmt::format("takes key {} as its restitution; it has {} keys", *element.restitution,
-                                element.keys.size()));
+  for (const auto& [number, role] :
+       {std::pair{element.restitution, "restitution"}, std::pair{element.mass, "mass"}})
+    if (number && *number >= element.keys.size())
+      refuse(element,
+             fmt::format("takes key {} as its {}; it has {} keys", *number, role, element.keys.size()));
+  if (element.mass) check_mechanics(element);
   if (!element.coupling) return;
   const bool own = std::all_of(element.readings.begin(), element.readings.end(),
                                [](const Element::Reading& reading) { return reading.shift == 0; });

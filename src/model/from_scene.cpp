@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "model/chain.hpp"
+#include "model/dense_parts.hpp"
 #include "parallel/gather.hpp"
 #include "petsc/sparse.hpp"
 
@@ -105,12 +106,44 @@ LinearSystem from_spec(MPI_Comm comm, LinearSpec& spec) {
   return system;
 }
 
+LagrangianSystem from_spec(MPI_Comm comm, LagrangianSpec& spec) {
+  PetscInt sizes[3] = {static_cast<PetscInt>(spec.M.rows), static_cast<PetscInt>(spec.H.rows),
+                       spec.C.rows > 0 ? 1 : 0};
+  MPI_Bcast(sizes, 3, MPIU_INT, 0, comm);
+  const LocalRange coordinates = share(comm, sizes[0]);
+  const LocalRange constraints = share(comm, sizes[1]);
+  LagrangianSystem system;
+  system.M = scatter_rows(comm, spec.M, coordinates.size(), coordinates.size());
+  system.K = scatter_rows(comm, spec.K, coordinates.size(), coordinates.size());
+  if (sizes[2] != 0) system.C = scatter_rows(comm, spec.C, coordinates.size(), coordinates.size());
+  system.H = scatter_rows(comm, spec.H, constraints.size(), coordinates.size());
+  system.g0 = scatter_vector(comm, spec.g0, constraints.size());
+  system.e = scatter_vector(comm, spec.e, constraints.size());
+  system.q0 = scatter_vector(comm, spec.q0, coordinates.size());
+  system.v0 = scatter_vector(comm, spec.v0, coordinates.size());
+  broadcast(comm, spec.f);
+  system.f = Forcing::from(spec.f, coordinates.first, coordinates.last);
+  system.coordinate_order = numbers(coordinates);
+  system.constraint_order = numbers(constraints);
+  system.block = system.coordinate_order;
+  system.block_count = sizes[0];
+  spec = LagrangianSpec{};
+  return system;
+}
+
 }  // namespace
 
 LinearSystem make_linear_system(MPI_Comm comm, Scene& scene) {
   if (auto* spec = std::get_if<LinearSpec>(&scene.model)) return from_spec(comm, *spec);
+  if (auto* spec = std::get_if<LagrangianSpec>(&scene.model)) return to_linear(from_spec(comm, *spec));
   const ChainSpec spec = std::exchange(std::get<ChainSpec>(scene.model), ChainSpec{});
   return make_chain(comm, spec);
+}
+
+LagrangianSystem make_lagrangian_system(MPI_Comm comm, Scene& scene) {
+  if (auto* spec = std::get_if<LagrangianSpec>(&scene.model)) return from_spec(comm, *spec);
+  const ChainSpec spec = std::exchange(std::get<ChainSpec>(scene.model), ChainSpec{});
+  return make_lagrangian_chain(comm, spec);
 }
 
 }  // namespace sweepvi

@@ -11,18 +11,6 @@
 
 namespace sweepvi {
 
-const char* name_of(Detection detection) {
-  switch (detection) {
-    case Detection::predicted:
-      return "predicted";
-    case Detection::midpoint:
-      return "midpoint";
-    case Detection::current:
-      return "current";
-  }
-  return "";
-}
-
 MPI_Comm LagrangianSystem::comm() const {
   return PetscObjectComm(reinterpret_cast<PetscObject>(M.get()));
 }
