@@ -16,6 +16,8 @@ std::unique_ptr<Case> make_case(MPI_Comm comm, Scene& scene) {
   const bool linear =
       std::holds_alternative<LinearSpec>(scene.model) || std::holds_alternative<ChainSpec>(scene.model);
   if (levels && linear) return make_linear_case(comm, scene);
+  if (levels && std::holds_alternative<LagrangianSpec>(scene.model)) return make_linear_case(comm, scene);
+  if (scheme == Scheme::moreau_jean) return make_lagrangian_case(comm, scene);
   throw InputError(scene.path + ": the scheme \"" + name_of(scheme) + "\" for this model is not built yet");
 }
 

@@ -43,6 +43,7 @@ Scene load(MPI_Comm comm, const CommandLine& line);
 std::unique_ptr<Case> make_case(MPI_Comm comm, Scene& scene);
 
 // One file for each, called by make_case.
-std::unique_ptr<Case> make_linear_case(MPI_Comm comm, Scene& scene);  ///< linear, and chains
+std::unique_ptr<Case> make_linear_case(MPI_Comm comm, Scene& scene);      ///< linear, and chains
+std::unique_ptr<Case> make_lagrangian_case(MPI_Comm comm, Scene& scene);  ///< moreau-jean
 
 }  // namespace sweepvi::app
