@@ -12,7 +12,12 @@
 //         mpirun -n 2 example_pendulum_walls -count 100 -seconds 2
 //         example_pendulum_walls -finite_differences          (instead of the Jacobian)
 //         example_pendulum_walls -steps_per_second 1000       (100 by default)
-// Expect: DERIVATIVES
+// Expect: the derivatives agree with finite differences to 1e-6. A cart alone has 7 impacts in 5 s, the first
+// at
+//         0.027822 s, and the angle 0.058411 at 5 s (event-driven solution), found with an error of 0.0251,
+//         0.00311, 0.00033 at 100, 1000, 10000 steps per second: first order. No bob ever passes a wall. Of
+//         2.31 J, 1.70 J are lost at impacts; the balance, kinetic + potential + dissipated, is off by 8e-4,
+//         8e-5, 8e-6 J at most (each impact costs O(h)), and without impacts (-wall 10) by O(h^2).
 #include <algorithm>
 #include <cstdio>
 

@@ -12,6 +12,13 @@
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
+
+double SparseEntries::entry(std::int64_t i, std::int64_t j) const {
+  const auto first = columns.begin() + row_starts[static_cast<std::size_t>(i)];
+  const auto last = columns.begin() + row_starts[static_cast<std::size_t>(i) + 1];
+  const auto at = std::lower_bound(first, last, j);
+  return at == last || *at != j ? 0.0 : values[static_cast<std::size_t>(at - columns.begin())];
+}
 namespace {
 
 constexpr hsize_t most_rows = std::numeric_limits<std::int32_t>::max();

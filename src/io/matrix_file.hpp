@@ -14,6 +14,8 @@ struct SparseEntries {
   std::vector<std::int64_t> row_starts;  ///< length rows + 1
   std::vector<std::int64_t> columns;     ///< one per entry
   std::vector<double> values;            ///< one per entry
+
+  double entry(std::int64_t i, std::int64_t j) const;  ///< 0 where there is none
 };
 
 // The readers below are serial: one rank reads and hands out. Matrices stored densely come without their

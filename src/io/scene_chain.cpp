@@ -136,14 +136,6 @@ std::array<std::int64_t, 2> read_shape(const TomlValue& shape, Topology topology
   return {static_cast<std::int64_t>(sizes[0]), static_cast<std::int64_t>(sizes[1])};
 }
 
-/// Entry (i, j), 0 where there is none.
-double entry(const SparseEntries& matrix, std::int64_t i, std::int64_t j) {
-  const auto first = matrix.columns.begin() + matrix.row_starts[static_cast<std::size_t>(i)];
-  const auto last = matrix.columns.begin() + matrix.row_starts[static_cast<std::size_t>(i) + 1];
-  const auto at = std::lower_bound(first, last, j);
-  return at == last || *at != j ? 0.0 : matrix.values[static_cast<std::size_t>(at - matrix.columns.begin())];
-}
-
 void check_weights(const TomlValue& key, const SparseEntries& weights, std::int64_t count) {
   if (weights.rows != count || weights.cols != count)
     key.fail(fmt::format("is {} x {}; expected a number, or model.count x model.count = {} x {}",
@@ -159,7 +151,7 @@ void check_weights(const TomlValue& key, const SparseEntries& weights, std::int6
             fmt::format("has the diagonal entry [{}][{}] = {}, which couples an element to itself; "
                         "expected 0, as S(w)_i is the sum of k_ij (w_j - w_i)",
                         i, i, here));
-      const double there = entry(weights, j, i);
+      const double there = weights.entry(j, i);
       if (std::abs(here - there) > rounding * std::abs(here))
         key.fail(fmt::format(
             "is not symmetric: [{}][{}] = {}, but [{}][{}] = {}; expected equal weights both ways", i, j,

@@ -63,10 +63,16 @@ class Result:
     level: np.ndarray
     events: np.ndarray
     summary: dict
+    energy: np.ndarray = None  # mechanical scenes: kinetic, potential, dissipated
+    work: np.ndarray = None  # and damping, forces, scheme
 
     def contacts(self):
         """Events in which a gap closes."""
         return self.events[(self.events["kind"] == 0) & (self.events["level"] == 1)]
+
+    def impacts(self):
+        """The same of bouncing masses: impulses of theirs are measures of level 2."""
+        return self.events[(self.events["kind"] == 0) & (self.events["level"] == 2)]
 
     def lift_offs(self):
         return self.events[self.events["kind"] == 1]
@@ -88,6 +94,7 @@ def run(folder, example, *more, ranks=None, timeout=100):
         return Result(
             float(data.attrs["step"]), data["t"][:], data["x"][:], data["w"][:], z, data["mu"][:],
             data["level"][:], data["events"][:], program.read_json(summary),
+            *(data[name][:] for name in ("energy", "work") if name in data),
         )  # fmt: skip
 
 
