@@ -160,3 +160,27 @@ def audit_column(result, count, end):
     close(result.x[-1], [*i, *(0 * i)], count)
     close(result.mu[-1, :, 1], h * (count - i), h * count)
     close(result.mu[:, 0, 1].sum(), count * end, count * end)
+
+
+def audit_mechanics(result, M, K, f, H, g0, e, theta=0.5, reach=1.0, tolerance=1e-12):
+    """Checks every recorded step against AB (22)-(24) with the misprints corrected, and the energy balance."""
+    h, n = result.h, len(M)
+    q, v, mu, w = result.x[:, :n], result.x[:, n:], result.mu[:, :, 1], result.w
+    dv, v_theta = np.diff(v, axis=0), theta * v[1:] + (1 - theta) * v[:-1]
+    q_theta = theta * q[1:] + (1 - theta) * q[:-1]
+    close = lambda found, wanted: np.testing.assert_allclose(found, wanted, atol=tolerance)
+    close(np.diff(q, axis=0), h * v_theta)
+    close(dv @ M.T + h * (q_theta @ K.T - f), mu[1:] @ H)
+    close(w, q @ H.T + g0)
+    old, new = v[:-1] @ H.T, v[1:] @ H.T
+    acts = result.level[1:] == 2
+    tested = w[:-1] + reach * h * old
+    sure = abs(tested) > 1e-13  # where rounding does not decide
+    assert (acts[sure] == (tested <= 0)[sure]).all(), "detection"
+    assert (mu >= 0).all() and (mu[1:][~acts] == 0).all() and (result.mu[:, :, 0] == 0).all()
+    natural = np.minimum(new + e * old, mu[1:])[acts]
+    close(natural, 0)
+    energy = result.energy.sum(axis=1) + result.work @ [1, -1, 1]
+    np.testing.assert_allclose(energy, energy[0], atol=1e-14 * max(1, abs(energy[0])) * len(energy))
+    close(result.energy[:, 0], 0.5 * np.einsum("ti,ij,tj->t", v, M, v))
+    close(result.energy[:, 1], 0.5 * np.einsum("ti,ij,tj->t", q, K, q) - q @ f)

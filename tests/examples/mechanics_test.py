@@ -16,30 +16,6 @@ import program
 from examples_test import words
 
 
-def audit(result, M, K, f, H, g0, e, theta=0.5, reach=1.0, tolerance=1e-12):
-    """Checks every recorded step against AB (22)-(24) with the misprints corrected, and the energy balance."""
-    h, n = result.h, len(M)
-    q, v, mu, w = result.x[:, :n], result.x[:, n:], result.mu[:, :, 1], result.w
-    dv, v_theta = np.diff(v, axis=0), theta * v[1:] + (1 - theta) * v[:-1]
-    q_theta = theta * q[1:] + (1 - theta) * q[:-1]
-    close = lambda found, wanted: np.testing.assert_allclose(found, wanted, atol=tolerance)
-    close(np.diff(q, axis=0), h * v_theta)
-    close(dv @ M.T + h * (q_theta @ K.T - f), mu[1:] @ H)
-    close(w, q @ H.T + g0)
-    old, new = v[:-1] @ H.T, v[1:] @ H.T
-    acts = result.level[1:] == 2
-    tested = w[:-1] + reach * h * old
-    sure = abs(tested) > 1e-13  # where rounding does not decide
-    assert (acts[sure] == (tested <= 0)[sure]).all(), "detection"
-    assert (mu >= 0).all() and (mu[1:][~acts] == 0).all() and (result.mu[:, :, 0] == 0).all()
-    natural = np.minimum(new + e * old, mu[1:])[acts]
-    close(natural, 0)
-    energy = result.energy.sum(axis=1) + result.work @ [1, -1, 1]
-    np.testing.assert_allclose(energy, energy[0], atol=1e-14 * max(1, abs(energy[0])) * len(energy))
-    close(result.energy[:, 0], 0.5 * np.einsum("ti,ij,tj->t", v, M, v))
-    close(result.energy[:, 1], 0.5 * np.einsum("ti,ij,tj->t", q, K, q) - q @ f)
-
-
 class Mechanics(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -79,7 +55,7 @@ class Mechanics(unittest.TestCase):
             name = "ball/scene.toml" + more
             self.promised(name, *texts)
             result = self.run_example(name)
-            audit(result, one, 0 * one, np.array([-10.0]), one, 0.0, 0.8, reach=reach)
+            gallery.audit_mechanics(result, one, 0 * one, np.array([-10.0]), one, 0.0, 0.8, reach=reach)
             table = reference[f"e0.8 {variant} h=0.005"]
             q, v, t = result.x[:, 0], result.x[:, 1], result.t
             error = max(abs(q[k] - exact(t[k])) for k in range(len(t)))
@@ -109,7 +85,7 @@ class Mechanics(unittest.TestCase):
         name = "newtons_cradle/touching.toml"
         self.promised(name, "(-0.6, 0.4, 0.4, 0.4, 0.4) v", "(8, 6, 4, 2)/5 v", "1.003 s", "(-1, 0, 0, 0, 0) v")
         result = self.run_example(name)
-        audit(result, M, K, np.zeros(5), H, 0.0, 1.0)
+        gallery.audit_mechanics(result, M, K, np.zeros(5), H, 0.0, 1.0)
         impacts = result.impacts()
         self.assertEqual(list(impacts["constraint"]), [0, 0])
         self.assertAlmostEqual(impacts["t"][1] - impacts["t"][0], np.pi / np.sqrt(9.81), delta=2 * result.h)
@@ -126,7 +102,7 @@ class Mechanics(unittest.TestCase):
         name = "newtons_cradle/apart.toml"
         self.promised(name, "0.505, 0.508, 0.511, 0.514 s", "0.1 %", "8 in 2 s")
         result = self.run_example(name)
-        audit(result, M, K, np.zeros(5), H, 1e-3, 1.0)
+        gallery.audit_mechanics(result, M, K, np.zeros(5), H, 1e-3, 1.0)
         impacts = result.impacts()
         self.assertEqual(list(impacts["constraint"]), [0, 1, 2, 3, 3, 2, 1, 0])
         np.testing.assert_allclose(impacts["t"][:4], [0.505, 0.508, 0.511, 0.514])
@@ -146,7 +122,7 @@ class Mechanics(unittest.TestCase):
         H = np.eye(n) - np.eye(n, k=-1)
         g0 = np.r_[0.0, np.full(n - 1, -1.0)]
         # Heights are up to 200: rounding of 1e-14 in q, and 1200 steps of it in gaps carried along.
-        audit(result, np.eye(n), np.zeros((n, n)), -np.ones(n), H, g0, 0.5, tolerance=1e-11)
+        gallery.audit_mechanics(result, np.eye(n), np.zeros((n, n)), -np.ones(n), H, g0, 0.5, tolerance=1e-11)
         self.assertEqual(len(result.impacts()), 853)
         self.assertLess(abs(result.x[result.t >= 9.3][:, n:]).max(), 1e-6)
         self.assertAlmostEqual(result.mu[:, 0, 1].sum(), 2400, delta=1e-9)
