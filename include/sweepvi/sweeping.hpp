@@ -83,7 +83,7 @@ void distribute(SweepingSystem& system);
 /// `one_sided_lipschitz`.
 ///
 /// w(): distance to the nearer bound of each component (infinite where there is none), or G u - g; exactly 0
-/// in contact. mu(): one column, negative at an upper bound. A constraint in contact has level 1.
+/// in contact. mu(): one column, negative at an upper bound. level(): 1.
 ///
 /// @throws Error (bad_input) on every rank if lower > upper at some t_k (the message names component and
 ///         time), or if K(t_0) is a polyhedron proved empty. That K(t_{k+1}) is empty is the `obstacle` of

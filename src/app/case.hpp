@@ -43,7 +43,8 @@ Scene load(MPI_Comm comm, const CommandLine& line);
 std::unique_ptr<Case> make_case(MPI_Comm comm, Scene& scene);
 
 // One file for each, called by make_case.
-std::unique_ptr<Case> make_linear_case(MPI_Comm comm, Scene& scene);      ///< linear, and chains
+std::unique_ptr<Case> make_linear_case(MPI_Comm comm, Scene& scene);      ///< homsp and the Euler schemes
 std::unique_ptr<Case> make_lagrangian_case(MPI_Comm comm, Scene& scene);  ///< moreau-jean
+std::unique_ptr<Case> make_sweeping_case(MPI_Comm comm, Scene& scene);    ///< catching-up
 
 }  // namespace sweepvi::app

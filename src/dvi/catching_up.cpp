@@ -22,8 +22,8 @@ void CatchingUp::advance(const std::vector<Side>& new_side) {
       events_.push_back({number, side_[a], 1, false, 0.0});
     if (new_side[a] != Side::none && (new_side[a] != side_[a] || started_outside_[a] != 0))
       events_.push_back({number, new_side[a], 1, true, mu_[a]});
-    level_[a] = new_side[a] != Side::none ? 1 : 0;
   }
+  std::fill(level_.begin(), level_.end(), 1);
   started_outside_.assign(side_.size(), 0);
   old_side_ = side_;
   side_ = new_side;

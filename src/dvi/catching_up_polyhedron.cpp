@@ -31,7 +31,7 @@ CatchingUpPolyhedron::CatchingUpPolyhedron(const SweepingSystem& system, const T
   move_faces(grid.start);
   agreed(comm(), [&] {
     if (!zero_face_) return;
-    throw InputError(fmt::format("face {} of G reads nothing: its row is zero", *zero_face_));
+    throw InputError(fmt::format("row {} of G is zero; a face has to read some component", *zero_face_));
   });
   check(MatCreateVecs(S_.get(), u_.put(), nullptr));
   for (Vector* vector : {&rhs_, &rhs_terms_, &residual_, &terms_})
@@ -84,7 +84,7 @@ void CatchingUpPolyhedron::assemble() {
 void CatchingUpPolyhedron::find_unit_faces() {
   unit_faces_.clear();
   zero_face_.reset();
-  const StackedNumbering number(column_starts(G_.get()), row_starts(G_.get()));
+  const Stacked number(K_.get(), g_.get());
   PetscInt face = 0;
   for_each_row(G_.get(), [&](PetscInt, auto columns, auto values) {
     PetscInt read = 0;
@@ -92,7 +92,7 @@ void CatchingUpPolyhedron::find_unit_faces() {
     for (std::size_t k = 0; k < columns.size(); ++k) {
       if (values[k] == 0.0) continue;
       ++read;
-      unit.unknown = number.first(columns[k]);
+      unit.unknown = number.x(columns[k]);
       unit.entry = values[k];
     }
     if (read == 1) unit_faces_.push_back(unit);

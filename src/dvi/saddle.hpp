@@ -1,6 +1,6 @@
 #pragma once
 
-#include "dvi/stacked_numbering.hpp"
+#include "dvi/stacked.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -9,23 +9,25 @@ namespace sweepvi {
 /// @param K  laid out like the columns of G
 /// @note Collective.
 inline Matrix saddle_matrix(Mat K, Mat G) {
-  const StackedNumbering number(column_starts(G), row_starts(G));
+  Vector like_y;
+  check(MatCreateVecs(G, nullptr, like_y.put()));
+  const Stacked number(K, like_y.get());
   const LocalRange components = row_range(K);
   const LocalRange faces = row_range(G);
   const Matrix transposed = transpose(G);
   RowBuilder rows;
   for (PetscInt i = components.first; i < components.last; ++i) {
-    rows.add(number.first(i), 0.0);
+    rows.add(number.x(i), 0.0);
     for (const auto& [column, value] : get_row(K, i))
-      rows.add(number.first(column), value);
+      rows.add(number.x(column), value);
     for (const auto& [column, value] : get_row(transposed.get(), i))
-      rows.add(number.second(column), -value);
+      rows.add(number.nu(column), -value);
     rows.end_row();
   }
   for (PetscInt a = faces.first; a < faces.last; ++a) {
-    rows.add(number.second(a), 0.0);
+    rows.add(number.nu(a), 0.0);
     for (const auto& [column, value] : get_row(G, a))
-      rows.add(number.first(column), value);
+      rows.add(number.x(column), value);
     rows.end_row();
   }
   return rows.finish(PetscObjectComm(reinterpret_cast<PetscObject>(G)), components.size() + faces.size());

@@ -1,3 +1,5 @@
+#include <limits>
+
 #include "io/scene_checks.hpp"
 #include "io/scene_model.hpp"
 
@@ -10,6 +12,18 @@ std::vector<Signal> read_signals(const TomlValue& key, std::int64_t length, cons
   std::vector<Signal> signals = key.signals();
   expect_length(key, signals, length, what);
   return signals;
+}
+
+/// Infinite entries stand for no bound, on the side of `none`.
+std::vector<Signal> read_bounds(const TomlValue& key, std::int64_t length, double none) {
+  if (!key) return {};
+  std::vector<Signal> bounds = key.signals_or_infinity();
+  expect_length(key, bounds, length, "n, the length of model.u0,");
+  for (const Signal& bound : bounds)
+    if (bound.offset == -none)
+      key.fail(
+          fmt::format("has the entry {}; expected numbers, signals, or {} for no bound", bound.offset, none));
+  return bounds;
 }
 
 }  // namespace
@@ -31,8 +45,8 @@ SweepingSpec read_sweeping(const TomlValue& table, bool root) {
   const auto n = static_cast<std::int64_t>(model.u0.size());
   if (n < 1) u0.fail("is empty; expected at least one entry");
   model.f = read_signals(f, n, "n, the length of model.u0,");
-  model.lower = read_signals(lower, n, "n, the length of model.u0,");
-  model.upper = read_signals(upper, n, "n, the length of model.u0,");
+  model.lower = read_bounds(lower, n, -std::numeric_limits<double>::infinity());
+  model.upper = read_bounds(upper, n, std::numeric_limits<double>::infinity());
   if (A) {
     model.A = A.matrix();
     expect_shape(A, *model.A, n, n, "model.u0 has n entries");

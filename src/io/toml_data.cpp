@@ -78,9 +78,16 @@ std::vector<double> TomlValue::numbers_or_infinity() const {
 }
 
 std::vector<Signal> TomlValue::signals() const {
+  return read_signals(false);
+}
+std::vector<Signal> TomlValue::signals_or_infinity() const {
+  return read_signals(true);
+}
+
+std::vector<Signal> TomlValue::read_signals(bool infinity) const {
   std::vector<Signal> signals;
   if (names_file()) {
-    for (const double value : numbers())
+    for (const double value : read_numbers(infinity))
       signals.push_back({value, 0.0, 0.0, 0.0});
     return signals;
   }
@@ -88,7 +95,13 @@ std::vector<Signal> TomlValue::signals() const {
   signals.reserve(size());
   for (std::size_t i = 0; i < size(); ++i) {
     const std::optional<double> plain = plain_number(i);
-    signals.push_back(plain ? Signal{*plain, 0.0, 0.0, 0.0} : entry(i).signal());
+    if (plain) {
+      signals.push_back({*plain, 0.0, 0.0, 0.0});
+    } else if (const TomlValue signal = entry(i); infinity && signal.is_number()) {
+      signals.push_back({signal.number_or_infinity(), 0.0, 0.0, 0.0});
+    } else {
+      signals.push_back(signal.signal());
+    }
   }
   return signals;
 }

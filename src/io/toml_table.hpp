@@ -66,6 +66,7 @@ public:
   std::vector<double> numbers() const;              ///< an array or a file
   std::vector<double> numbers_or_infinity() const;  ///< the same; infinite entries are welcome
   std::vector<Signal> signals() const;              ///< an array of signals, or a file of numbers
+  std::vector<Signal> signals_or_infinity() const;  ///< the same; infinite numbers are welcome
   SparseEntries matrix() const;                     ///< an array of rows, or a file; zeros are left out
 
   const std::string& name() const { return name_; }  ///< dotted key
@@ -86,6 +87,7 @@ private:
   [[noreturn]] void fail_kind(const std::string& expected) const;
   double checked(bool infinity) const;
   std::vector<double> read_numbers(bool infinity) const;
+  std::vector<Signal> read_signals(bool infinity) const;
   template <class Entries, class FromMarket, class FromHdf5>
   Entries read_file(FromMarket&& from_market, FromHdf5&& from_hdf5) const;
 

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <limits>
 
-#include "petsc/sparse.hpp"
+#include "model/dense_parts.hpp"
 #include "sweepvi/sweeping.hpp"
 
 namespace sweepvi {
@@ -101,54 +101,35 @@ void check_dense(const DenseSweeping& given) {
       need_finite(name, value);
 }
 
-LocalRange share(MPI_Comm comm, std::size_t rows) {
-  auto total = static_cast<PetscInt>(rows);
-  PetscInt local = PETSC_DECIDE;
-  check(PetscSplitOwnership(comm, &local, &total));
-  PetscInt last = 0;
-  MPI_Scan(&local, &last, 1, MPIU_INT, MPI_SUM, comm);
-  return {last - local, last};
-}
-
-Matrix rows_of(MPI_Comm comm, const std::vector<double>& values, LocalRange range, std::size_t columns,
-               PetscInt local_columns, bool with_zeros) {
+/// As rows_of, with the zeros stored.
+Matrix full_rows_of(MPI_Comm comm, const std::vector<double>& values, LocalRange range, PetscInt columns,
+                    PetscInt local_columns) {
   RowBuilder rows;
   for (PetscInt i = range.first; i < range.last; ++i) {
-    for (std::size_t j = 0; j < columns; ++j) {
-      const double value = values[static_cast<std::size_t>(i) * columns + j];
-      if (value != 0.0 || with_zeros) rows.add(static_cast<PetscInt>(j), value);
-    }
+    for (PetscInt j = 0; j < columns; ++j)
+      rows.add(j, values[static_cast<std::size_t>(i * columns + j)]);
     rows.end_row();
   }
   return rows.finish(comm, local_columns);
-}
-
-std::vector<PetscInt> numbers(LocalRange range) {
-  std::vector<PetscInt> result(static_cast<std::size_t>(range.size()));
-  std::iota(result.begin(), result.end(), range.first);
-  return result;
 }
 
 }  // namespace
 
 SweepingSystem SweepingSystem::dense(MPI_Comm comm, const DenseSweeping& given) {
   agreed(comm, [&] { check_dense(given); });
-  const std::size_t n = given.u0.size();
+  const auto n = static_cast<PetscInt>(given.u0.size());
   const LocalRange states = share(comm, n);
   SweepingSystem system;
-  system.u0 = make_vector(comm, states.size());
-  {
-    const WriteArray u0(system.u0.get());
-    std::copy_n(given.u0.begin() + states.first, states.size(), u0.data());
-  }
-  if (!given.A.empty()) system.A = rows_of(comm, given.A, states, n, states.size(), false);
+  system.u0 = part_of(comm, given.u0, states);
+  if (!given.A.empty()) system.A = rows_of(comm, given.A, states, n, states.size());
   system.f = Forcing::from(given.f, states.first, states.last);
   if (!given.lower.empty()) system.lower = Forcing::from(given.lower, states.first, states.last);
   if (!given.upper.empty()) system.upper = Forcing::from(given.upper, states.first, states.last);
   system.state_order = numbers(states);
   if (given.G.empty()) return system;
-  const LocalRange faces = share(comm, given.g.size());
-  system.G = rows_of(comm, given.G, faces, n, states.size(), given.faces_turn);
+  const LocalRange faces = share(comm, static_cast<PetscInt>(given.g.size()));
+  const auto rows = given.faces_turn ? full_rows_of : rows_of;
+  system.G = rows(comm, given.G, faces, n, states.size());
   system.g = Forcing::from(given.g, faces.first, faces.last);
   system.face_order = numbers(faces);
   return system;

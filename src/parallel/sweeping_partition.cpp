@@ -1,59 +1,26 @@
-#include <cmath>
-#include <utility>
-
-#include "parallel/gather.hpp"
+#include "model/dense_parts.hpp"
 #include "parallel/row_move.hpp"
 #include "parallel/share.hpp"
 #include "sweepvi/sweeping.hpp"
 
 namespace sweepvi {
 
-namespace {
-
-/// Components are vertices; nonzeros of A and faces join them. A face is at home with the component it reads
-/// most, the first of equals.
-ElementGraph gather_components(const SweepingSystem& system) {
-  const MPI_Comm comm = system.comm();
-  std::vector<PetscInt> homes;
-  std::vector<Edge> edges;
-  if (system.A)
-    for_each_row(system.A.get(), [&](PetscInt row, auto columns, auto values) {
-      for (std::size_t k = 0; k < columns.size(); ++k)
-        if (values[k] != 0.0) edges.push_back({row, columns[k]});
-    });
-  if (system.G)
-    for_each_row(system.G.get(), [&](PetscInt, auto columns, auto values) {
-      PetscInt home = 0;
-      double most = -1.0;
-      for (std::size_t k = 0; k < columns.size(); ++k)
-        if (std::abs(values[k]) > most) {
-          most = std::abs(values[k]);
-          home = columns[k];
-        }
-      homes.push_back(home);
-      for (const PetscInt column : columns)
-        edges.push_back({home, column});
-    });
-  edges = gather(comm, edges);
-  ElementGraph components;
-  components.home = gather(comm, homes);
-  int rank = 0;
-  MPI_Comm_rank(comm, &rank);
-  const PetscInt count = system.states();
-  if (rank != 0) return components;
-  for (PetscInt i = 0; i < count; ++i)
-    components.block.push_back(i);
-  components.graph = make_graph(count, std::move(edges));
-  return components;
-}
-
-}  // namespace
-
 void distribute(SweepingSystem& system) {
   const MPI_Comm comm = system.comm();
-  const Share share = share_out(comm, gather_components(system));
+  LocalRange rows;
+  check(VecGetOwnershipRange(system.u0.get(), &rows.first, &rows.last));
+  const std::vector<PetscInt> block = numbers(rows);  // each component on its own
+  Couplings couplings;
+  if (system.A) couplings.add_rows(system.A.get(), block);
+  if (system.G) {
+    const LocalRange faces = row_range(system.G.get());
+    for (PetscInt face = faces.first; face < faces.last; ++face)
+      couplings.add_constraint(get_row(system.G.get(), face));
+  }
+  const Share share = share_out(comm, gather_element_graph(comm, couplings, block, system.states()));
   system.edge_cut = share.edge_cut;
-  const RowMove states(comm, static_cast<PetscInt>(system.state_order.size()), share.states);
+
+  const RowMove states(comm, rows.size(), share.states);
   const RowMove faces(comm, static_cast<PetscInt>(system.face_order.size()), share.constraints);
   if (!states.moves() && !faces.moves()) return;
   system.u0 = states.moved(system.u0.get());
