@@ -102,6 +102,7 @@ public:
 
 private:
   void move_faces(double t);
+  void find_terms_of_g();
   void assemble();
   void find_unit_faces();
   void find_held(Vec u);
@@ -111,7 +112,7 @@ private:
   PetscInt components_ = 0;  // of this rank; its faces follow
   Matrix K_;                 // I - hA
   Matrix G_;                 // at the end of the step
-  Vector g_;
+  Vector g_, g_terms_;
   Matrix S_, abs_S_;  // [K, -G'; G, 0]
   Vector rhs_, rhs_terms_, residual_, terms_, x_, push_;
   std::optional<ProximalNewton> newton_;

@@ -24,6 +24,7 @@ CatchingUpPolyhedron::CatchingUpPolyhedron(const SweepingSystem& system, const T
   check(MatDuplicate(system.G.get(), MAT_COPY_VALUES, G_.put()));
   check(MatCreateVecs(G_.get(), push_.put(), g_.put()));
   x_ = duplicate(push_.get());
+  g_terms_ = duplicate(g_.get());
   components_ = row_range(K_.get()).size();
   allocate(system.face_order.size());
   held_.assign(w_.size(), 0);
@@ -39,19 +40,21 @@ CatchingUpPolyhedron::CatchingUpPolyhedron(const SweepingSystem& system, const T
   const ProximalNewton::Problem step{S_.get(), abs_S_.get(), rhs_.get(), rhs_terms_.get(), components_};
   newton_.emplace(step);
 
-  if (const auto contradiction = find_contradiction(G_.get(), g_.get(), system.u0.get(), system.face_order))
+  if (const auto contradiction =
+          find_contradiction(G_.get(), g_.get(), g_terms_.get(), system.u0.get(), system.face_order))
     throw InputError(empty_at(grid.start, *contradiction));
   check(VecCopy(system.u0.get(), x_.get()));
   {
     const ReadArray u0(x_.get());
     const ReadArray g(g_.get());
+    const ReadArray g_terms(g_terms_.get());
     const WriteArray u(u_.get());
     const WriteArray rhs(rhs_.get());
     const WriteArray terms(rhs_terms_.get());
     std::copy_n(u0.data(), components_, u.data());
     for (PetscInt a = 0; a < g.size(); ++a) {
       rhs[components_ + a] = g[a];
-      terms[components_ + a] = std::abs(g[a]);
+      terms[components_ + a] = g_terms[a];
     }
   }
   start(observe(u_.get()));
@@ -61,11 +64,26 @@ CatchingUpPolyhedron::CatchingUpPolyhedron(const SweepingSystem& system, const T
 void CatchingUpPolyhedron::move_faces(double t) {
   check(VecSet(g_.get(), 0.0));
   system_.g.add_to(g_.get(), t, 0, 1.0);
-  if (!system_.move_faces) return;
+  if (!system_.move_faces) {
+    find_terms_of_g();
+    return;
+  }
   system_.move_faces(t, G_.get(), g_.get());
+  find_terms_of_g();
   assemble();
   if (newton_) newton_->renew();
   ++version_;
+}
+
+// A signal that passes through zero is known up to its amplitude's rounding.
+void CatchingUpPolyhedron::find_terms_of_g() {
+  check(VecCopy(g_.get(), g_terms_.get()));
+  check(VecAbs(g_terms_.get()));
+  if (system_.move_faces) return;
+  const WriteArray terms(g_terms_.get());
+  for (const auto* entries : {&system_.g.constant, &system_.g.varying})
+    for (const Forcing::Entry& entry : *entries)
+      terms[entry.local] = std::abs(entry.signal.offset) + std::abs(entry.signal.amplitude);
 }
 
 void CatchingUpPolyhedron::assemble() {
@@ -122,6 +140,7 @@ void CatchingUpPolyhedron::begin(const Step& step, Vec lower, Vec upper, Vec gue
   const ReadArray u(u_.get());
   const ReadArray push(push_.get());
   const ReadArray g(g_.get());
+  const ReadArray g_terms(g_terms_.get());
   const WriteArray l(lower);
   const WriteArray rhs(rhs_.get());
   const WriteArray terms(rhs_terms_.get());
@@ -133,7 +152,7 @@ void CatchingUpPolyhedron::begin(const Step& step, Vec lower, Vec upper, Vec gue
     const PetscInt row = components_ + a;
     l[row] = 0.0;
     rhs[row] = g[a];
-    terms[row] = std::abs(g[a]);
+    terms[row] = g_terms[a];
   }
 }
 
@@ -145,7 +164,8 @@ bool CatchingUpPolyhedron::predict(Vec guess) {
 
 std::string CatchingUpPolyhedron::obstacle() {
   if (solved_ == Solved::yes) return {};
-  const auto contradiction = find_contradiction(G_.get(), g_.get(), x_.get(), system_.face_order);
+  const auto contradiction =
+      find_contradiction(G_.get(), g_.get(), g_terms_.get(), x_.get(), system_.face_order);
   return contradiction ? empty_at(t_new_, *contradiction) : std::string();
 }
 
@@ -155,9 +175,7 @@ void CatchingUpPolyhedron::residual(Vec u, Vec f) {
 }
 
 void CatchingUpPolyhedron::row_terms(Vec u, Vec terms) {
-  check(VecCopy(u, residual_.get()));
-  check(VecAbs(residual_.get()));
-  check(MatMultAdd(abs_S_.get(), residual_.get(), rhs_terms_.get(), terms));
+  newton_->row_terms(u, terms);
 }
 
 void CatchingUpPolyhedron::jacobian(Vec, Mat jacobian) {

@@ -39,10 +39,11 @@ double norm(Vec vector, NormType type) {
 /// The search for y, and what it proves.
 class Search {
 public:
-  Search(Mat G, Vec g, Vec near)
+  Search(Mat G, Vec g, Vec g_terms, Vec near)
       : comm_(PetscObjectComm(reinterpret_cast<PetscObject>(G))),
         G_(G),
         g_(g),
+        g_terms_(g_terms),
         abs_G_(absolute_copy(G)),
         S_(saddle_matrix(scaled_identity(near, pull).get(), G)),
         abs_S_(absolute_copy(S_.get())),
@@ -104,10 +105,13 @@ private:
     const WriteArray terms(rhs_terms_.get());
     for (PetscInt i = 0; i < components_; ++i)
       right[i] = pull * u[i];
-    for (PetscInt a = 0; a < g.size(); ++a)
+    for (PetscInt i = 0; i < components_; ++i)
+      terms[i] = std::abs(right[i]);
+    const ReadArray g_terms(g_terms_);
+    for (PetscInt a = 0; a < g.size(); ++a) {
       right[components_ + a] = g[a];
-    for (PetscInt row = 0; row < terms.size(); ++row)
-      terms[row] = std::abs(right[row]);
+      terms[components_ + a] = g_terms[a];
+    }
   }
 
   void take() {
@@ -132,8 +136,9 @@ private:
       const ReadArray w(w_.get());
       const ReadArray g(g_);
       const ReadArray size(terms.get());
+      const ReadArray g_terms(g_terms_);
       for (PetscInt a = 0; a < g.size(); ++a)
-        if (g[a] > w[a]) worst = std::max(worst, (g[a] - w[a]) / (size[a] + std::abs(g[a])));
+        if (g[a] > w[a]) worst = std::max(worst, (g[a] - w[a]) / (size[a] + g_terms[a]));
     }
     return max_over(comm_, worst);
   }
@@ -146,9 +151,10 @@ private:
     {
       const ReadArray y(y_.get());
       const ReadArray g(g_);
+      const ReadArray g_terms(g_terms_);
       for (PetscInt a = 0; a < g.size(); ++a) {
         gain += g[a] * y[a];
-        size += std::abs(g[a] * y[a]);
+        size += g_terms[a] * y[a];
         if (y[a] > 0.0) farthest = std::max(farthest, std::abs(g[a]) / norms_[static_cast<std::size_t>(a)]);
       }
     }
@@ -163,7 +169,7 @@ private:
 
   MPI_Comm comm_;
   Mat G_;
-  Vec g_;
+  Vec g_, g_terms_;
   Matrix abs_G_, S_, abs_S_;
   Vector u_, pulled_, y_, w_, x_, rhs_, rhs_terms_;
   PetscInt components_ = 0;
@@ -182,9 +188,9 @@ std::string Contradiction::text() const {
                      fmt::join(faces.begin(), last, ", "), more, faces.size() == 1 ? "s" : "", gap);
 }
 
-std::optional<Contradiction> find_contradiction(Mat G, Vec g, Vec near,
+std::optional<Contradiction> find_contradiction(Mat G, Vec g, Vec g_terms, Vec near,
                                                 const std::vector<PetscInt>& face_order) {
-  Search search(G, g, near);
+  Search search(G, g, g_terms, near);
   if (!search.proves()) return std::nullopt;
   const MPI_Comm comm = PetscObjectComm(reinterpret_cast<PetscObject>(G));
   const std::vector<double> weight = search.weights();

@@ -23,10 +23,11 @@ struct Contradiction {
 /// y comes from a point of least violation, which minimises the sum of max(0, g_i - G_i u)^2 / |G_i|^2: there
 /// y_i = max(0, g_i - G_i u) / |G_i|^2 has G' y = 0.
 ///
+/// @param g_terms     what g is known up to, times rounding
 /// @param near        u from where to look
 /// @param face_order  scene numbers of this rank's faces
 /// @note Collective.
-std::optional<Contradiction> find_contradiction(Mat G, Vec g, Vec near,
+std::optional<Contradiction> find_contradiction(Mat G, Vec g, Vec g_terms, Vec near,
                                                 const std::vector<PetscInt>& face_order);
 
 }  // namespace sweepvi

@@ -14,9 +14,9 @@ constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr int most_newton_steps = 100;  // random polyhedra with up to 300 faces need 40 from a cold start
 constexpr int most_problems = 30;
 constexpr double smallest_delta = 1e-14;  // below, rounding of w would pass for multipliers of its size
-// A face that is violated by no more than this, relative to the terms of G_i u - g_i, need not be active.
+// A face that is violated by no more than this, relative to the terms of its row, need not be active.
 constexpr double violation = 32 * epsilon;
-constexpr double target = 5e-15;      // worst residual over row terms; SNES accepts 1e-14
+constexpr double target = 5e-16;      // worst residual over row terms, below the rounding of a long row
 constexpr double stagnation = 1e-12;  // enough where rounding allows no more
 }  // namespace
 
@@ -59,6 +59,30 @@ void ProximalNewton::regularise(Mat matrix) const {
       values[problem_.components + static_cast<PetscInt>(i)] = first_delta * square_[i];
   }
   check(MatDiagonalSet(matrix, diagonal.get(), ADD_VALUES));
+}
+
+namespace {
+
+// The components of x without its multipliers.
+void keep_components(Vec x, PetscInt components) {
+  const WriteArray values(x);
+  std::fill(values.data() + components, values.data() + values.size(), 0.0);
+}
+
+}  // namespace
+
+void ProximalNewton::row_terms(Vec x, Vec terms) {
+  check(VecCopy(x, work_.get()));
+  check(VecAbs(work_.get()));
+  check(MatMultAdd(problem_.abs_S, work_.get(), problem_.rhs_terms, terms));
+  keep_components(work_.get(), problem_.components);
+  check(MatMultAdd(problem_.abs_S, work_.get(), problem_.rhs_terms, step_.get()));  // without y
+  keep_components(step_.get(), problem_.components);
+  check(MatMultAdd(problem_.abs_S, step_.get(), problem_.rhs_terms, work_.get()));
+  const ReadArray of_faces(work_.get());
+  const WriteArray values(terms);
+  std::copy(of_faces.data() + problem_.components, of_faces.data() + of_faces.size(),
+            values.data() + problem_.components);
 }
 
 bool ProximalNewton::solve(Vec x) {
@@ -159,9 +183,7 @@ void ProximalNewton::factor(double delta) {
 bool ProximalNewton::update_active(Vec x, double delta) {
   check(MatMult(problem_.S, x, f_.get()));
   check(VecAXPY(f_.get(), -1.0, problem_.rhs));
-  check(VecCopy(x, work_.get()));
-  check(VecAbs(work_.get()));
-  check(MatMultAdd(problem_.abs_S, work_.get(), problem_.rhs_terms, terms_.get()));
+  row_terms(x, terms_.get());
   int changed = 0;
   {
     const ReadArray values(x);
@@ -180,16 +202,6 @@ bool ProximalNewton::update_active(Vec x, double delta) {
   MPI_Allreduce(MPI_IN_PLACE, &changed, 1, MPI_INT, MPI_LOR, comm_);
   return changed != 0;
 }
-
-namespace {
-
-// The components of x without its multipliers.
-void keep_components(Vec x, PetscInt components) {
-  const WriteArray values(x);
-  std::fill(values.data() + components, values.data() + values.size(), 0.0);
-}
-
-}  // namespace
 
 // Shortens the step from from_ to x where going all the way leads uphill again: in each component on its own,
 // or the slowest of many copies would hold up all others.

@@ -20,8 +20,8 @@ namespace sweepvi {
 ///     K u - G' y = c,     0 <= y_i  _|_  G_i u - g_i + delta |G_i|^2 (y_i - centre_i) >= 0,
 ///
 /// each with its centre at the solution of the one before; the first has none (0), which makes y the smallest
-/// of all multipliers. delta is tiny, so that the second solve usually is exact to rounding; it shrinks where
-/// nearly parallel faces slow this down. Each problem is solved by semismooth Newton: given the active
+/// of all multipliers. delta is tiny, so that the second or third solve is exact to rounding; it shrinks
+/// where nearly parallel faces slow this down. Each problem is solved by semismooth Newton: given the active
 /// faces, a linear system; then
 ///
 ///     t -> d' R(u + t d),    R(u) = K u - c - G' max(0, centre - (G u - g) / (delta |G|^2)),
@@ -58,11 +58,15 @@ public:
   /// Solves the one problem with centre 0 and this delta. @return false if that fails
   bool solve_regularised(Vec x, double delta);
 
+  /// What the rows of S x - rhs are judged against: the sums of the absolute values of their terms, and for a
+  /// face |G| T + |g|, T = |K| |u| + |c|, because u is not known better than that: where a face holds u near
+  /// zero, its own terms vanish.
+  void row_terms(Vec x, Vec terms);
   /// Adds delta |G_i|^2 to the diagonal of the faces, for a matrix with the pattern of S.
   void regularise(Mat matrix) const;
 
 private:
-  static constexpr double first_delta = 1e-10;
+  static constexpr double first_delta = 1e-8;
 
   bool newton(Vec x, double delta);
   bool solve_active(Vec x, double delta);
