@@ -113,7 +113,7 @@ Lines SweepingCase::report(std::int64_t unknowns) const {
   }
   lines.emplace_back("form", form());
   lines.emplace_back("unknowns", system_.is_box()
-                                     ? fmt::format("{}", unknowns)
+                                     ? fmt::format("{} (components)", unknowns)
                                      : fmt::format("{} ({} components + {} measures)", unknowns, n, count));
   return lines;
 }
