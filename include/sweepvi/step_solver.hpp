@@ -9,6 +9,7 @@
 
 namespace sweepvi {
 
+class OuterLinearisation;
 class Predictor;
 
 /// When a step counts as solved.
@@ -25,6 +26,17 @@ struct PredictorOptions {
       true;  ///< -sweepvi_predictor active-set | none: guess by an active-set method, or the last state
 };
 
+/// Who linearises a step's VI, HO V.A.
+enum class Linearisation {
+  inner,  ///< the solver (SNESVI), which sees the nonlinear problem and judges its steps by it; the default
+  outer  ///< we: affine VIs one after the other, each solved exactly and its solution taken whole. To compare
+};
+
+/// How a step's VI is solved.
+struct SolverOptions {
+  Linearisation linearisation = Linearisation::inner;  ///< -sweepvi_linearisation inner | outer
+};
+
 /// What came of a step.
 struct StepReport {
   bool certified = false;
@@ -32,7 +44,8 @@ struct StepReport {
   PetscInt iterations = 0;  ///< Newton iterations, all attempts
   bool predicted = false;   ///< SNES accepted the predictor's guess as it was
   int rung = 0;             ///< attempt that succeeded, from 0; see StepSolver::rung_names
-  std::string reason;       ///< SNES's own word on the last attempt
+  int attempts = 0;         ///< made in all
+  std::string reason;       ///< the solver's own word on the last attempt
   std::string obstacle;     ///< why there is no solution, where that is proved: no attempt was made then
 };
 
@@ -45,10 +58,12 @@ struct StepReport {
 /// it fails otherwise, a tenth of the terms of the unknowns it reads counts as its own.
 ///
 /// SNES stops when the certificate is met at `target`, or stops improving below 1e-12; its own tolerances do
-/// not enter. A predictor guesses the solution first (src/vi/predictor.hpp); where it is right, SNES accepts
-/// it at iteration 0. Attempts, in order (the ladder): the chosen SNESVI type from the step's guess, the
-/// other type from there, both from the projection of zero. A certified point that the process does not take
-/// (Dvi::admissible) is a failed attempt.
+/// not enter. A predictor guesses the solution first (src/vi/predictor.hpp), unless the process solved the
+/// step itself; where the guess is right, SNES accepts it at iteration 0. Attempts, in order (the ladder):
+/// the chosen SNESVI type from the step's guess, the other type from there, both from the projection of zero;
+/// where the problem is small (100 unknowns) outer linearisation, whose affine VIs Lemke's pivoting method
+/// solves, from the guess and from zero. With -sweepvi_linearisation outer that from the guess only. A
+/// certified point that the process does not take (Dvi::admissible) is a failed attempt.
 class StepSolver {
 public:
   /// @param snes  set up here with defaults (reduced space, preonly + LU by MUMPS), then SNESSetFromOptions:
@@ -72,9 +87,10 @@ public:
   SNES snes() const { return snes_; }
   const CertificateOptions& certificate() const { return certificate_; }
 
-  static constexpr std::array<const char*, 4> rung_names = {"chosen", "other_type", "cold_start",
-                                                            "other_type_cold_start"};
-  const std::array<std::int64_t, 4>& rungs() const { return rungs_; }  ///< certified steps per rung
+  static constexpr std::array<const char*, 6> rung_names = {
+      "chosen", "other_type", "cold_start", "other_type_cold_start", "pivoting", "pivoting_cold_start"};
+  using Rungs = std::array<std::int64_t, rung_names.size()>;
+  const Rungs& rungs() const { return rungs_; }  ///< certified steps per rung
 
 private:
   static PetscErrorCode form_function(SNES, Vec, Vec, void*);
@@ -92,7 +108,10 @@ private:
   double worst_ratio(Vec u);
   void add_spread();
   double ratio_against(Vec u, Vec terms);
-  PetscInt attempt(bool other_type, bool cold, std::string& reason);
+  PetscInt attempt(int rung, std::string& reason);
+  PetscInt attempt_snes(bool other_type, bool cold, std::string& reason);
+  PetscInt attempt_pivoting(bool cold, std::string& reason);
+  void start_from(bool cold);
 
   Dvi& problem_;
   SNES snes_;
@@ -100,13 +119,15 @@ private:
   std::string chosen_type_;
   CertificateOptions certificate_;
   PredictorOptions predictor_options_;
+  SolverOptions solver_options_;
   Matrix jacobian_;
   std::unique_ptr<Predictor> predictor_;
+  std::unique_ptr<OuterLinearisation> pivoting_;
   Vector u_, f_, lower_, upper_, guess_, terms_, spread_, settled_;
   double sigma_ = 1.0;  // SNES works on sigma u and sigma F
   Vector snes_f_, snes_lower_, snes_upper_, unscaled_;
   double previous_ratio_ = 0.0;
-  std::array<std::int64_t, 4> rungs_{};
+  Rungs rungs_{};
   std::exception_ptr parked_;
 };
 

@@ -25,7 +25,7 @@ std::string failure_text(const TimeMarch& march, const StepReport& report) {
       "residual {:.3g} of "
       "the row terms (asked for {:.3g}). Everything before it is in the output. Try a smaller time.step, or "
       "-snes_vi_monitor to watch the active set",
-      number, t, report.reason, report.iterations, StepSolver::rung_names.size(), report.residual,
+      number, t, report.reason, report.iterations, report.attempts, report.residual,
       march.solver().certificate().rtol);
 }
 

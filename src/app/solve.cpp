@@ -113,7 +113,7 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
         fmt::format(
             "{}: no point could be certified: {} after {} iterations in {} attempts; the best one, with "
             "residual {:.3g} of the row terms (asked for {:.3g}), is in {}. The problem may have no solution",
-            line.scene, report.reason, report.iterations, StepSolver::rung_names.size(), report.residual,
+            line.scene, report.reason, report.iterations, report.attempts, report.residual,
             solver.certificate().rtol, path));
   int rank = 0;
   MPI_Comm_rank(comm, &rank);

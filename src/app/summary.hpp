@@ -21,7 +21,7 @@ struct Summary {
   std::string snes_type;
   std::int64_t snes_iterations = 0;
   std::int64_t predictor_hits = 0, active_changes = 0;
-  std::array<std::int64_t, 4> rungs{};
+  StepSolver::Rungs rungs{};
   double max_residual = 0.0, max_penetration = 0.0;
   std::vector<std::string> unused_options;
 

@@ -8,14 +8,23 @@
 
 #include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
+#include "vi/outer_linearisation.hpp"
 #include "vi/predictor.hpp"
 
 namespace sweepvi {
 
 namespace {
 
-void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& predictor) {
+// Rungs by number: methods in pairs, SNESVI of either type from the guess, then from zero; then pivoting
+// likewise.
+constexpr int first_cold_rung = 2;
+constexpr int pivoting_rung = 4;
+constexpr int last_rung = static_cast<int>(StepSolver::rung_names.size()) - 1;
+
+void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& predictor,
+                  SolverOptions& solver) {
   std::array<char, 64> chosen{"active-set"};
+  std::array<char, 64> linearisation{"inner"};
   const auto read = [&]() -> PetscErrorCode {
     PetscFunctionBeginUser;
     PetscOptionsBegin(comm, nullptr, "sweepvi: step certificate", "sweepvi");
@@ -29,6 +38,11 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
     PetscCall(PetscOptionsString("-sweepvi_predictor",
                                  "How a step's solution is guessed before SNES: active-set | none",
                                  "PredictorOptions", chosen.data(), chosen.data(), chosen.size(), nullptr));
+    PetscCall(PetscOptionsString("-sweepvi_linearisation",
+                                 "Who linearises a step: inner, SNES on the nonlinear VI | outer, affine VIs "
+                                 "in full steps (to compare)",
+                                 "SolverOptions", linearisation.data(), linearisation.data(),
+                                 linearisation.size(), nullptr));
     PetscOptionsEnd();
     PetscFunctionReturn(static_cast<PetscErrorCode>(0));  // an enumeration in newer PETSc
   };
@@ -37,6 +51,10 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
   if (name != "active-set" && name != "none")
     throw InputError("-sweepvi_predictor is '" + name + "'; expected active-set or none");
   predictor.active_set = name == "active-set";
+  const std::string who = linearisation.data();
+  if (who != "inner" && who != "outer")
+    throw InputError("-sweepvi_linearisation is '" + who + "'; expected inner or outer");
+  solver.linearisation = who == "inner" ? Linearisation::inner : Linearisation::outer;
   if (!(options.rtol > 0.0 && options.rtol < 1.0))
     throw InputError(
         "-sweepvi_certificate_rtol is outside (0, 1); it bounds the natural residual over row terms, 1e-10 "
@@ -53,7 +71,7 @@ double mid(double l, double b, double v) {
 }  // namespace
 
 StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes) {
-  read_options(problem.comm(), certificate_, predictor_options_);
+  read_options(problem.comm(), certificate_, predictor_options_, solver_options_);
   jacobian_ = problem.create_jacobian();
   for (Vector* vector : {&u_, &f_, &snes_f_, &lower_, &upper_, &guess_, &terms_, &spread_, &settled_,
                          &snes_lower_, &snes_upper_, &unscaled_})
@@ -74,6 +92,10 @@ StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes)
                      " does not solve box VIs; use vinewtonrsls or vinewtonssls");
   configure(snes_, chosen_type_.c_str());
   if (predictor_options_.active_set) predictor_ = std::make_unique<Predictor>(problem, jacobian_.get());
+  PetscInt size = 0;
+  check(VecGetSize(u_.get(), &size));
+  if (size <= OuterLinearisation::largest || solver_options_.linearisation == Linearisation::outer)
+    pivoting_ = std::make_unique<OuterLinearisation>(problem);
 }
 
 StepSolver::~StepSolver() = default;
@@ -278,13 +300,22 @@ double StepSolver::ratio_against(Vec u, Vec row_terms) {
   return worst;
 }
 
-PetscInt StepSolver::attempt(bool other_type, bool cold, std::string& reason) {
-  SNES snes = other_type ? other_snes() : snes_;
+PetscInt StepSolver::attempt(int rung, std::string& reason) {
+  if (rung >= pivoting_rung) return attempt_pivoting(rung > pivoting_rung, reason);
+  return attempt_snes(rung % 2 == 1, rung >= first_cold_rung, reason);
+}
+
+void StepSolver::start_from(bool cold) {
   if (cold) {
     check(VecSet(u_.get(), 0.0));
   } else {
     check(VecCopy(guess_.get(), u_.get()));
   }
+}
+
+PetscInt StepSolver::attempt_snes(bool other_type, bool cold, std::string& reason) {
+  SNES snes = other_type ? other_snes() : snes_;
+  start_from(cold);
   check(VecScale(u_.get(), sigma_));
   // A semismooth solve that broke off leaves its own function in place of ours.
   check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
@@ -301,15 +332,27 @@ PetscInt StepSolver::attempt(bool other_type, bool cold, std::string& reason) {
   if (outcome == SNES_DIVERGED_LINEAR_SOLVE) {
     KSP ksp = nullptr;
     check(SNESGetKSP(snes, &ksp));
-    if (recover(ksp)) return iterations + attempt(other_type, cold, reason);
+    if (recover(ksp)) return iterations + attempt_snes(other_type, cold, reason);
   }
   return iterations;
+}
+
+PetscInt StepSolver::attempt_pivoting(bool cold, std::string& reason) {
+  start_from(cold);
+  const auto ratio = [this](Vec u) { return settled_ratio(u); };
+  const OuterLinearisation::Result result = pivoting_->iterate(
+      u_.get(), lower_.get(), upper_.get(), certificate_.target, certificate_.stagnation, ratio);
+  reason = name_of(result.outcome);
+  return result.iterations;
 }
 
 StepReport StepSolver::solve(const Step& step) {
   problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
   choose_scale();
   const bool predicted = predict();
+  const bool outer = solver_options_.linearisation == Linearisation::outer;
+  const int first = outer ? pivoting_rung : 0;
+  const int last = outer ? pivoting_rung : pivoting_ ? last_rung : pivoting_rung - 1;
   StepReport best;
   best.residual = std::numeric_limits<double>::infinity();
   if (!predicted) best.obstacle = problem_.obstacle();
@@ -319,24 +362,26 @@ StepReport StepSolver::solve(const Step& step) {
   }
   PetscInt iterations = 0;
   Vector best_point;
-  for (int rung = 0; rung < static_cast<int>(rung_names.size()); ++rung) {
+  for (int rung = first; rung <= last; ++rung) {
     StepReport report;
     report.rung = rung;
-    iterations += attempt(rung % 2 == 1, rung >= 2, report.reason);
+    report.attempts = rung - first + 1;
+    iterations += attempt(rung, report.reason);
     problem_.settle(u_.get());
     report.residual = worst_ratio(u_.get());
     report.certified = report.residual <= certificate_.rtol && problem_.admissible(u_.get());
-    report.predicted = predicted && rung == 0 && iterations == 0;
+    report.predicted = predicted && rung == first && iterations == 0;
     if (report.certified) {
       report.iterations = iterations;
       ++rungs_[static_cast<std::size_t>(rung)];
       return report;
     }
-    if (report.residual < best.residual || rung == 0) {
+    if (report.residual < best.residual || rung == first) {
       best = report;
       if (!best_point) best_point = duplicate(u_.get());
       check(VecCopy(u_.get(), best_point.get()));
     }
+    best.attempts = report.attempts;
   }
   best.iterations = iterations;
   check(VecCopy(best_point.get(), u_.get()));

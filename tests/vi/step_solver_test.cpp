@@ -1,6 +1,8 @@
 // The step solver on box VIs whose solutions are known: both types, ladder, scales from 1e-200 to 1e200.
 #include <gtest/gtest.h>
 
+#include <random>
+
 #include "dvi/affine_vi.hpp"
 #include "dvi/systems.hpp"
 #include "petsc/sparse.hpp"
@@ -116,6 +118,55 @@ TEST(StepSolver, AStepWithoutSolutionIsAResult) {
     EXPECT_GT(solved.report.residual, 1e-3);
     EXPECT_FALSE(solved.report.reason.empty());
   }
+}
+
+// A box VI of a bounded box has a solution whatever its matrix is. Newton's method does not always find one;
+// Lemke's does, so the ladder may not fail.
+TEST(StepSolver, TheLadderEndsInAPivotingMethod) {
+  constexpr int problems = 40;
+  constexpr std::size_t n = 8;
+  std::mt19937 engine(7);  // the same on all ranks
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  int pivoting = 0;
+  for (int trial = 0; trial < problems; ++trial) {
+    std::vector<double> m(n * n);
+    std::vector<double> q(n);
+    for (double& value : m)
+      value = uniform(engine);
+    for (double& value : q)
+      value = uniform(engine);
+    const auto vi = problem(m, q, -1.0, 1.0);
+    const Solved solved = solve(*vi, SNESVINEWTONRSLS, "active-set");
+    EXPECT_TRUE(solved.report.certified) << "problem " << trial << ": " << solved.report.reason;
+    if (solved.report.rung == 4) ++pivoting;
+  }
+  EXPECT_GT(pivoting, 0);         // or this test shows nothing
+  EXPECT_LT(pivoting, problems);  // the last resort
+}
+
+// Outer linearisation of an affine problem is that problem: one step, from anywhere.
+TEST(StepSolver, OuterLinearisationSolvesAnAffineProblemInOneStep) {
+  const ScopedOption outer("-sweepvi_linearisation", "outer");
+  const auto vi = problem({2, 1, -1, 1, 2, 0, 1, 0, 1}, {-3, 1, 4}, -1.0, 1.0);
+  const Solved solved = solve(*vi, SNESVINEWTONRSLS, "none");
+  EXPECT_TRUE(solved.report.certified);
+  EXPECT_EQ(solved.report.iterations, 1);
+  EXPECT_EQ(solved.report.attempts, 1);
+  EXPECT_EQ(solved.report.reason, "OUTER_CONVERGED");
+  const std::vector<double> expected = {1, -1, -1};  // F = (-1, 0, 4), by hand
+  EXPECT_EQ(solved.u, expected);
+}
+
+TEST(StepSolver, OuterLinearisationRefusesWhatItCannotDo) {
+  const ScopedOption outer("-sweepvi_linearisation", "outer");
+  std::vector<double> identity(101 * 101, 0.0);
+  for (std::size_t i = 0; i < 101; ++i)
+    identity[102 * i] = 1.0;
+  const auto vi = problem(identity, std::vector<double>(101, -1.0));
+  EXPECT_THROW(solve(*vi, SNESVINEWTONRSLS, "none"), Error);
+  const auto small = problem({1}, {-1});
+  const ScopedOption wrong("-sweepvi_linearisation", "outward");
+  EXPECT_THROW(solve(*small, SNESVINEWTONRSLS, "none"), Error);
 }
 
 TEST(StepSolver, RefusesASolverThatIgnoresBounds) {
