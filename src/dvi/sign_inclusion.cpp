@@ -34,16 +34,14 @@ std::optional<SignInclusion::Solution> SignInclusion::solve() const {
     }
     if (!possible) continue;
     for (const Values& start : starts)
-      if (solve_branch(solution.branch, start, solution.lambda) && settle(solution) &&
-          admissible(solution.lambda, solution.branch))
-        return solution;
+      if (solve_branch(solution.branch, start, solution.lambda) && settle(solution, start)) return solution;
   }
   return std::nullopt;
 }
 
 // Outputs that are zero up to rounding become zero, and their signs free: the largest active set. If there is
-// no such solution, what has the wrong sign by rounding is none either.
-bool SignInclusion::settle(Solution& solution) const {
+// no such solution, what has the wrong sign by rounding is none either. True if what comes out is admissible.
+bool SignInclusion::settle(Solution& solution, const Values& start) const {
   const auto size = static_cast<int>(wanted.size());
   const Outputs at = outputs(solution.lambda);
   Solution held = solution;
@@ -53,12 +51,15 @@ bool SignInclusion::settle(Solution& solution) const {
     right = right && sign * at.y[i] >= 0.0;
     if (std::abs(at.y[i]) <= zero * at.terms[i]) sign = 0;
   }
-  if (held.branch == solution.branch) return true;
-  Values lambda;
-  if (!solve_branch(held.branch, solution.lambda, lambda)) return right;
-  held.lambda = lambda;
-  solution = held;
-  return true;
+  if (held.branch != solution.branch) {
+    for (const Values& from : {start, solution.lambda}) {
+      if (!solve_branch(held.branch, from, held.lambda)) continue;
+      if (!admissible(held.lambda, held.branch)) continue;
+      solution = held;
+      return true;
+    }
+  }
+  return right && admissible(solution.lambda, solution.branch);
 }
 
 bool SignInclusion::solve_branch(const Branch& branch, const Values& start, Values& lambda) const {

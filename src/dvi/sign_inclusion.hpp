@@ -39,7 +39,7 @@ struct SignInclusion {
 
 private:
   bool solve_branch(const Branch& branch, const Values& start, Values& lambda) const;
-  bool settle(Solution& solution) const;
+  bool settle(Solution& solution, const Values& start) const;
   bool reachable(int row, int sign) const;
 };
 
