@@ -39,7 +39,7 @@ private:
 /// such table, and may leave out what it has not; register_element() makes it known to scenes.
 struct Element {
   /// What a key's value may be.
-  enum class Range { any, positive, not_negative, unit };  ///< unit: from 0 to 1
+  enum class Range { any, positive, not_negative, unit, open_unit };  ///< unit: from 0 to 1
 
   struct Key {
     std::string name;
@@ -93,6 +93,9 @@ struct Element {
   /// The key that is its mass, where states are (q, v) with q' = v, w reads q and lambda_i pushes v as the
   /// transpose of that, over the mass: what moreau-jean needs to see M, K and C.
   std::optional<std::size_t> mass = {};
+  /// The key that is kappa = (1 - e)/(1 + e): such an element is an impact oscillator, with the states x, x'
+  /// and w = x, for the scheme zhuravlev_ivanov and no other.
+  std::optional<std::size_t> kappa = {};
   std::vector<Term> terms = {};
   std::optional<Coupling> coupling = {};  ///< none: no `coupling` key, and a chain is the only topology
   std::vector<Reading> readings = {};     ///< with `coupling` only of the element itself

@@ -137,10 +137,31 @@ Element flexible() {
       }};
 }
 
+/// A ball of unit mass above its wall, integrated in the transformed coordinates of Zhuravlev and Ivanov; it
+/// comes back with e = (1 - kappa)/(1 + kappa) of its velocity:
+///
+///     x'' = S(x)_i + force,      w = x.
+Element zhuravlev_ivanov() {
+  enum { x, velocity };
+  return {.name = "zhuravlev-ivanov",
+          .states = {"x", "x'"},
+          .layout = StateLayout::state_by_state,
+          .keys = {{"kappa", 0.5, Range::open_unit}},
+          .kappa = 0,
+          .terms = {{x, velocity, 1.0}},
+          .coupling = {{velocity, 1.0, 0.0}},
+          .readings = {{x}},
+          .pushes = {{velocity, 1.0}},
+          .forces = {{"force", -9.81, velocity, 1.0}},
+          .start = [](Place place, KeyValues, std::span<double> states) {
+            states[x] = 1.0 + 0.5 * golden_fraction(place.i);
+          }};
+}
+
 }  // namespace
 
 std::vector<Element> builtin_elements() {
-  return {jerk(), wall(), contact(), flexible()};
+  return {jerk(), wall(), contact(), flexible(), zhuravlev_ivanov()};
 }
 
 }  // namespace sweepvi

@@ -7,6 +7,7 @@
 
 #include "io/matrix_file.hpp"
 #include "sweepvi/element.hpp"
+#include "sweepvi/regulator.hpp"
 #include "sweepvi/signal.hpp"
 
 namespace sweepvi {
@@ -35,6 +36,7 @@ struct ChainSpec {
   std::optional<SparseEntries> weights;    ///< symmetric N x N, instead of coupling; entries on rank 0 only
   std::vector<PerElement<double>> keys;    ///< in the order of Element::keys
   std::vector<PerElement<Signal>> forces;  ///< in the order of Element::forces
+  std::optional<Regulator> regulator;      ///< of impact oscillators (Element::kappa)
   std::vector<double> x0;                  ///< in the order of /x, or empty: the element's default
 };
 

@@ -84,8 +84,8 @@ void check_mechanics(const Element& element) {
 void check_constraint(const Element& element) {
   if (element.readings.empty()) refuse(element, "has no readings; its constraint w needs at least one");
   if (element.pushes.empty()) refuse(element, "has no pushes; its lambda needs at least one");
-  for (const auto& [number, role] :
-       {std::pair{element.restitution, "restitution"}, std::pair{element.mass, "mass"}})
+  for (const auto& [number, role] : {std::pair{element.restitution, "restitution"},
+                                     std::pair{element.mass, "mass"}, std::pair{element.kappa, "kappa"}})
     if (number && *number >= element.keys.size())
       refuse(element,
              fmt::format("takes key {} as its {}; it has {} keys", *number, role, element.keys.size()));

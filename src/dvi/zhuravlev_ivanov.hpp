@@ -1,0 +1,101 @@
+#pragma once
+
+#include <vector>
+
+#include "dvi/impact_branch.hpp"
+#include "sweepvi/impact_oscillators.hpp"
+
+namespace sweepvi {
+
+/// Impact oscillators in (s, v), see ImpactDvi.
+///
+/// `predict` solves the step by itself where springs are soft against the step (h^2 da/dx below 1, as
+/// accuracy wants it anyway): each oscillator's VI exactly, branch by branch, its neighbours frozen, again
+/// and again until the accelerations no longer change; that contracts like h^2 da/dx. Else the guess is left
+/// to the predictor.
+class ZhuravlevIvanov final : public ImpactDvi {
+public:
+  ZhuravlevIvanov(const ImpactOscillators& oscillators, const TimeGrid& grid, const ImpactOptions& options);
+
+  MPI_Comm comm() const override { return comm_; }
+  Vec state() const override { return u_.get(); }
+  Matrix create_jacobian() const override;
+  void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
+  bool predict(Vec guess) override;
+  void residual(Vec u, Vec f) override;
+  void row_terms(Vec u, Vec terms) override;
+  void jacobian(Vec u, Mat jacobian) override;
+  /// Where all signs are 1 or -1, the Jacobian of the other rows depends on them alone, and the solver knows
+  /// them by its active set.
+  std::uint64_t jacobian_version() const override { return version_; }
+  void settle(Vec u) override;
+  bool admissible(Vec u) override;
+  void accept(Vec u, Vec f) override;
+  double penetration() const override { return 0.0; }  // x = |s|
+  PetscInt active() const override;
+
+  Vec x() const override { return x_.get(); }
+  Vec velocity() const override { return velocity_.get(); }
+  Vec s() const override { return s_.get(); }
+  Vec v() const override { return v_.get(); }
+  Vec lambda_s() const override { return lambda_s_.get(); }
+  Vec lambda_v() const override { return lambda_v_.get(); }
+  const std::vector<StepEvent>& events() const override { return events_; }
+  double kinetic() const override;
+  double dissipated() const override { return dissipated_; }
+  void set_physical(Vec x, Vec velocity) override;
+
+private:
+  PetscInt count() const { return static_cast<PetscInt>(kappa_.size()); }
+  void check_options_and_start() const;
+  bool steady() const { return oscillators_.linear() && options_.gamma == 1.0; }
+  void differentiate();
+  void find_accelerations(Vec u);
+  void find_force_terms();
+  bool sweep(Vec guess);
+  void set_own_entries(Vec u, Mat jacobian);
+  void add_coupling(Vec u, Mat jacobian);
+  void note_events(Vec u);
+  void start_from(Vec x, Vec velocity);
+  void show_state();
+
+  /// Each oscillator's step, its acceleration linearised in x_i and x_i' about the point looked at last.
+  /// Reads vectors of the process: for one scope.
+  class Oscillators;
+
+  /// A vector and its value: PETSc counts changes.
+  struct Point {
+    Point() = default;
+    explicit Point(Vec vector);
+    bool operator==(const Point&) const = default;
+    PetscObjectId id = -1;
+    PetscObjectState state = -1;
+  };
+
+  MPI_Comm comm_;
+  const ImpactOscillators& oscillators_;
+  ImpactOptions options_;
+  double h_;
+  std::vector<double> kappa_;
+  int most_sweeps_ = 0;
+  double t_hat_ = 0.0;
+  std::uint64_t version_ = 0;
+
+  ImpactJacobian derivative_;
+  bool differentiated_ = false;
+  Matrix abs_by_x_, abs_by_velocity_;
+  Vector slope_x_, slope_velocity_;  // diagonals of da/dx and da/dx'
+
+  Vector u_;                            // four per oscillator
+  Vector x_, velocity_;                 // state in physical coordinates
+  Vector s_, v_, lambda_s_, lambda_v_;  // and in the others, each by itself
+  Point looked_at_;
+  bool has_force_terms_ = false;
+  Vector x_hat_, velocity_hat_, a_;  // of the point looked at last
+  Vector force_terms_, work_, inner_;
+  std::vector<double> expected_;  // accelerations that a sweep counted on
+  std::vector<StepEvent> events_;
+  double dissipated_ = 0.0;
+};
+
+}  // namespace sweepvi
