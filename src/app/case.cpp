@@ -14,12 +14,10 @@ std::unique_ptr<Case> make_case(MPI_Comm comm, Scene& scene) {
   const Scheme scheme = scene.time.scheme;
   if (scheme == Scheme::catching_up) return make_sweeping_case(comm, scene);
   if (scheme == Scheme::moreau_jean) return make_lagrangian_case(comm, scene);
-  if (scheme == Scheme::zhuravlev_ivanov) {
-    const auto* impact = std::get_if<ImpactSpec>(&scene.model);
-    if (impact != nullptr && impact->reference) return make_tracking_case(comm, scene);
-    throw InputError(scene.path + ": the scheme \"" + name_of(scheme) + "\" is not built yet");
-  }
-  return make_linear_case(comm, scene);
+  if (scheme != Scheme::zhuravlev_ivanov) return make_linear_case(comm, scene);
+  const auto* impact = std::get_if<ImpactSpec>(&scene.model);
+  if (impact != nullptr && impact->reference) return make_tracking_case(comm, scene);
+  return make_impact_case(comm, scene);
 }
 
 }  // namespace sweepvi::app

@@ -46,6 +46,7 @@ std::unique_ptr<Case> make_case(MPI_Comm comm, Scene& scene);
 std::unique_ptr<Case> make_linear_case(MPI_Comm comm, Scene& scene);      ///< homsp and the Euler schemes
 std::unique_ptr<Case> make_lagrangian_case(MPI_Comm comm, Scene& scene);  ///< moreau-jean
 std::unique_ptr<Case> make_sweeping_case(MPI_Comm comm, Scene& scene);    ///< catching-up
-std::unique_ptr<Case> make_tracking_case(MPI_Comm comm, Scene& scene);    ///< zhuravlev-ivanov with a reference
+std::unique_ptr<Case> make_tracking_case(MPI_Comm comm, Scene& scene);  ///< zhuravlev-ivanov with a reference
+std::unique_ptr<Case> make_impact_case(MPI_Comm comm, Scene& scene);    ///< zhuravlev-ivanov, one or a chain
 
 }  // namespace sweepvi::app

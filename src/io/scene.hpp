@@ -11,6 +11,7 @@
 #include "io/matrix_file.hpp"
 #include "model/chain_spec.hpp"
 #include "sweepvi/error.hpp"
+#include "sweepvi/regulator.hpp"
 #include "sweepvi/scheme.hpp"
 #include "sweepvi/signal.hpp"
 #include "sweepvi/time_grid.hpp"
@@ -61,11 +62,6 @@ struct SweepingSpec {
   std::vector<Signal> lower, upper;  ///< n, or empty: no such side
   std::optional<SparseEntries> G;    ///< m x n
   std::vector<Signal> g;             ///< m
-};
-
-/// Gains of a twisting controller, HO (3): -mu1 sgn(s) - mu2 sgn(v).
-struct Regulator {
-  double mu1 = 0.0, mu2 = 0.0;  ///< > 0
 };
 
 /// `kind = "zhuravlev-ivanov"`: x'' = force, restitution (1 - kappa) / (1 + kappa) at the wall x = 0.

@@ -6,14 +6,12 @@
 #include <cmath>
 #include <limits>
 
+#include "io/scene_model.hpp"
 #include "parallel/gather.hpp"
 
 namespace sweepvi {
 
 namespace {
-
-/// What the contract names for later, so that it is not mistaken for a slip.
-const std::vector<std::string> planned_elements = {"zhuravlev-ivanov"};
 
 std::vector<double> values_of(const TomlValue& key, double /*kind*/) {
   return key.numbers();
@@ -52,6 +50,8 @@ bool contains(Element::Range range, double value) {
       return value >= 0.0;
     case Element::Range::unit:
       return value >= 0.0 && value <= 1.0;
+    case Element::Range::open_unit:
+      return value > 0.0 && value < 1.0;
   }
   return false;
 }
@@ -66,6 +66,8 @@ const char* text_of(Element::Range range) {
       return "0 or more";
     case Element::Range::unit:
       return "0 to 1";
+    case Element::Range::open_unit:
+      return "more than 0 and less than 1";
   }
   return "";
 }
@@ -94,7 +96,7 @@ void check_restitution(const TomlValue& key, Scheme scheme, const PerElement<dou
 }
 
 const Element& read_element(const TomlValue& element) {
-  return *find_element(element.choice(element_names(), planned_elements, false));
+  return *find_element(element.choice(element_names(), {}, false));
 }
 
 std::int64_t read_count(const TomlValue& count, std::size_t states, Topology topology) {
@@ -178,10 +180,20 @@ void read_coupling(const TomlValue& table, bool root, ChainSpec& chain) {
   check_weights(coupling, *chain.weights, chain.count);
 }
 
+/// Positions come first.
+void check_above_wall(const TomlValue& key, const std::vector<double>& x0, std::int64_t count) {
+  const auto last = x0.begin() + std::min(count, static_cast<std::int64_t>(x0.size()));
+  const auto below = std::find_if(x0.begin(), last, [](double x) { return x < 0.0; });
+  if (below != last)
+    key.fail(fmt::format("has entry {} = {}; expected 0 or more, as the wall is x = 0",
+                         std::distance(x0.begin(), below), *below));
+}
+
 /// Asks for each key the element has, so that all others are unknown.
 void ask(const TomlValue& table, const Element& element) {
   std::vector<std::string> names = {"count", "x0", "topology"};
   if (element.coupling) names.insert(names.end(), {"coupling", "shape"});
+  if (element.kappa) names.emplace_back("regulator");
   for (const std::string& name : names)
     table[name];
   for (const Element::Force& force : element.forces)
@@ -193,6 +205,7 @@ void ask(const TomlValue& table, const Element& element) {
 }  // namespace
 
 std::vector<Scheme> chain_schemes(const TomlValue& table) {
+  if (read_element(table["element"]).kappa) return {Scheme::zhuravlev_ivanov};
   std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
   if (read_element(table["element"]).mass) schemes.push_back(Scheme::moreau_jean);
   return schemes;
@@ -215,11 +228,13 @@ ChainSpec read_chain(const TomlValue& table, Scheme scheme, bool root) {
   }
   for (std::size_t k = 0; k < element.forces.size(); ++k)
     read_per_element(table[element.forces[k].name], chain.count, chain.forces[k]);
+  if (const TomlValue regulator = table["regulator"]) chain.regulator = read_regulator(regulator);
   if (const TomlValue x0 = table["x0"]) {
     chain.x0 = x0.numbers();
     const std::int64_t length = static_cast<std::int64_t>(states) * chain.count;
     if (!x0.elsewhere() && static_cast<std::int64_t>(chain.x0.size()) != length)
       x0.fail(fmt::format("has {} entries; expected {} model.count = {}", chain.x0.size(), states, length));
+    if (element.kappa) check_above_wall(x0, chain.x0, chain.count);
   }
   return chain;
 }

@@ -318,8 +318,8 @@ TEST_F(SceneTest, ComplaintsSayWhereAndWhat) {
       // of the contract, but not built
       {times + "[model]\nkind = \"lagrangian\"\n", "model.M is missing"},
       {times + "[model]\nkind = \"liner\"\n", "model.kind = \"liner\" is unknown; did you mean 'linear'?"},
-      {times + "[model]\nkind = \"chain\"\nelement = \"zhuravlev-ivanov\"\n",
-       "model.element = \"zhuravlev-ivanov\" is not built yet; available: \"jerk\", \"wall\""},
+      {times + "[model]\nkind = \"chain\"\nelement = \"zhuravlev-ivanof\"\n",
+       "model.element = \"zhuravlev-ivanof\" is unknown; did you mean 'zhuravlev-ivanov'?"},
       {times + "[model]\nkind = \"chain\"\nelement = \"wall\"\ncount = 3\n",
        "scene.toml:4:1: model.e = 0.5 unless the scene says otherwise; the scheme \"homsp\" takes"},
       {chain + "count = 3\ncoupling = \"K.mtx\"\n", "scene.toml:8:12: model.coupling: K.mtx"},
