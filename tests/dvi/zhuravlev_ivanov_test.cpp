@@ -119,7 +119,7 @@ struct History {
   std::vector<double> t;
   std::vector<std::vector<double>> x, velocity, s, v, lambda_s, lambda_v;
   PetscInt iterations = 0, predicted = 0, impacts = 0, lift_offs = 0;
-  std::array<std::int64_t, 4> rungs{};
+  StepSolver::Rungs rungs{};
   double residual = 0.0, dissipated = 0.0, kinetic = 0.0;
   bool certified = false;
 };
