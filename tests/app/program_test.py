@@ -460,7 +460,12 @@ class Check(InFolder):
             for ranks in (1, 2):
                 with self.subTest(scene.parent.name, ranks=ranks):
                     outcome = self.sweepvi("check", scene, ranks=ranks)
-                    for row in ("steps", "sizes", "relative degree", "Markov matrix", "zero dynamics", "unknowns"):
+                    scheme = re.search(r"scheme (\S+)", outcome.out)[1]
+                    more = {
+                        "homsp": ("sizes", "relative degree", "Markov matrix", "zero dynamics"),
+                        "moreau-jean": ("sizes", "mass matrix", "restitution", "time stepping"),
+                    }
+                    for row in ("steps", "form", "unknowns", *more.get(scheme, ())):
                         self.assertRegex(outcome.out, rf"(?m)^{row}  +\S", outcome)
                     self.assertEqual(outcome.err, "", outcome)
                     self.assertEqual(self.files(), [])

@@ -128,10 +128,11 @@ TEST(MoreauJean, BallOfTheReferenceInAllVariants) {
   const bool serial = ranks() == 1;
   for (const Variant& variant : variants) {
     const bool first = variant.detection == Detection::predicted;
-    if (serial || first) expect_reference(variant, "0.005", "primal-dual");
+    if (!serial && !first) continue;  // one ball is on one rank anyway
+    if (serial) expect_reference(variant, "0.005", "primal-dual");
     const ScopedOption factorization("-pc_factor_mat_solver_type", serial ? "petsc" : "mumps");
     expect_reference(variant, "0.005", "box-on-v");
-    if (!serial) continue;  // one ball is on one rank anyway
+    if (!serial) continue;
     expect_reference(variant, "0.001", "box-on-v");
     expect_reference(variant, "0.0002", "box-on-v");
   }
@@ -415,9 +416,10 @@ double largest_difference(const std::vector<double>& a, const std::vector<double
 }
 
 TEST(MoreauJean, WallChainBalances) {
-  const TimeGrid grid{0.0, 3.0, 300};
+  const TimeGrid grid{0.0, 2.0, 200};
   const Signal wave{.offset = -0.5, .amplitude = 0.3, .frequency = 0.4, .phase = 0.2};
   for (const Detection detection : {Detection::predicted, Detection::midpoint, Detection::current}) {
+    if (ranks() > 1 && detection != Detection::predicted) continue;  // detection is each rank's own
     const LagrangianSystem system = mechanical_chain("wall", 100, {{"mass", 2.0}, {"e", 0.7}}, Signal{-0.5});
     const Worst worst = judge(system, {.theta = 0.5, .detection = detection}, grid);
     expect_balanced(worst, std::string("wall, ") + name_of(detection));
@@ -443,8 +445,9 @@ TEST(MoreauJean, WallChainBalances) {
 }
 
 TEST(MoreauJean, ColumnOfBallsBalances) {
-  const TimeGrid grid{0.0, 3.0, 300};
+  const TimeGrid grid{0.0, 2.0, 200};
   for (const double e : {0.0, 0.5}) {
+    if (ranks() > 1 && e == 0.0) continue;
     const LagrangianSystem system = mechanical_chain("contact", 100, {{"mass", 2.0}, {"e", e}});
     const Worst worst = judge(system, {.theta = 0.5}, grid);
     expect_balanced(worst, "contact, e = " + std::to_string(e));
