@@ -14,8 +14,9 @@ void default_to_mumps(KSP ksp);
 /// @note Collective.
 bool recover(KSP ksp);
 
-/// Solves `matrix` `solution` = `right` with a solver whose operator `matrix` is, trying again where `recover`
-/// helps. @return false if that fails; the solver is then empty and will factor anew. @note Collective.
+/// Solves `matrix` `solution` = `right` with a solver whose operator `matrix` is, trying again where
+/// `recover` helps. @return false if that fails; the solver is then empty and will factor anew. @note
+/// Collective.
 bool solve(KSP ksp, Mat matrix, Vec right, Vec solution);
 
 }  // namespace sweepvi
