@@ -156,7 +156,7 @@ def ho_figure2(runs):
     run, (t, s, v, _, _) = ball(runs)
     fig, ax = panels(1, 1, (6.4, 3.2))
     for k, (name, true) in enumerate((("s", s), ("v", v))):
-        ax[0].plot(run["t"], run["z"][:, k], color=COLOURS[2 * k], label=name)
+        ax[0].plot(run["t"], run["z"][:, k], color=COLOURS[3 * k], label=name)
         ax[0].plot(t, true, **{**EXACT, "label": "exact" if k else None})
     finish(ax[0], "time (s)", "s, v")
     return fig
