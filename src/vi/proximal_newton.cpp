@@ -11,7 +11,9 @@ namespace sweepvi {
 
 namespace {
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
-constexpr int most_newton_steps = 100;  // random polyhedra with up to 300 faces need 40 from a cold start
+// Random polyhedra with 300 faces need 40 from a cold start; a chain that is pushed together one for each
+// face that closes in the step.
+constexpr int most_newton_steps = 1000;
 constexpr int most_problems = 30;
 constexpr double smallest_delta = 1e-14;  // below, rounding of w would pass for multipliers of its size
 // A face that is violated by no more than this, relative to the terms of its row, need not be active.

@@ -31,6 +31,9 @@ namespace sweepvi {
 /// active-set method without it cycles. Sources: R. T. Rockafellar, Math. Oper. Res. 1 (1976) 97-116; L. Qi,
 /// J. Sun, Math. Program. 58 (1993) 353-367.
 ///
+/// One Newton step lets contact spread by one face along a chain: that many are needed where many close in a
+/// row.
+///
 /// The linear systems have one pattern, rows of inactive faces being identity rows: one symbolic
 /// factorization in all, a numeric one when the active faces change.
 class ProximalNewton {
