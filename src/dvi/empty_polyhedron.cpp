@@ -87,6 +87,7 @@ public:
   std::vector<double> weights() const {
     const ReadArray y(y_.get());
     std::vector<double> result;
+    result.reserve(norms_.size());
     for (PetscInt a = 0; a < y.size(); ++a)
       result.push_back(y[a] * norms_[static_cast<std::size_t>(a)]);
     return result;

@@ -107,7 +107,8 @@ Matrix full_rows_of(MPI_Comm comm, const std::vector<double>& values, LocalRange
   RowBuilder rows;
   for (PetscInt i = range.first; i < range.last; ++i) {
     for (PetscInt j = 0; j < columns; ++j)
-      rows.add(j, values[static_cast<std::size_t>(i * columns + j)]);
+      rows.add(j, values[static_cast<std::size_t>(i) * static_cast<std::size_t>(columns) +
+                         static_cast<std::size_t>(j)]);
     rows.end_row();
   }
   return rows.finish(comm, local_columns);

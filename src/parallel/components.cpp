@@ -77,6 +77,7 @@ Components::Components(Mat matrix) : comm_(PetscObjectComm(reinterpret_cast<Pets
     roots.push_back(rows.first + static_cast<PetscInt>(sets.find(local(row))));
 
   std::vector<PetscInt> asked;
+  asked.reserve(outside.size());
   for (const Edge& edge : outside)
     asked.push_back(edge.second);
   const std::vector<PetscInt> other_roots = RowMove(comm_, rows.size(), asked).moved(roots);
