@@ -204,8 +204,7 @@ void run_of_the_paper(MPI_Comm comm, const Kind& kind, double h, Scores& scores)
   if (kind.tracking) {
     const auto dvi = make_tracking_dvi(comm, {.plant = {0.5, 6.0, 5.0, Signal{-9.81}},
                                               .reference = {0.5, 3.0, 3.0, Signal{-19.81}},
-                                              .mu1 = 30.0,
-                                              .mu2 = 17.0});
+                                              .gains = {30.0, 17.0}});
     compete(*dvi, 10, h, steps, scores);
     return;
   }
@@ -228,8 +227,7 @@ void random_system(MPI_Comm comm, const Kind& kind, double h, Draw& draw, Scores
   };
   const Bouncer plant = bouncer();
   if (kind.tracking) {
-    const auto dvi =
-        make_tracking_dvi(comm, {.plant = plant, .reference = bouncer(), .mu1 = mu1, .mu2 = mu2});
+    const auto dvi = make_tracking_dvi(comm, {.plant = plant, .reference = bouncer(), .gains = {mu1, mu2}});
     compete(*dvi, 10, h, steps, scores);
     return;
   }

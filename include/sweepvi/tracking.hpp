@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "sweepvi/dvi.hpp"
+#include "sweepvi/regulator.hpp"
 #include "sweepvi/signal.hpp"
 
 namespace sweepvi {
@@ -38,7 +39,7 @@ struct Bouncer {
 /// (s, v) of Zhuravlev and Ivanov, where impacts are no jumps.
 struct TrackingProblem {
   Bouncer plant, reference;
-  double mu1 = 0.0, mu2 = 0.0;  ///< gains [m/s^2], > 0
+  Regulator gains;  ///< of the errors
 };
 
 struct TrackingOptions {
@@ -47,10 +48,10 @@ struct TrackingOptions {
   bool resample = false;  ///< before each step to (x, x') and back, as a controller that reads a plant does
 };
 
-/// Whether the gains make the errors vanish where both stay off the wall: mu1 > mu2 > 0. The control takes
-/// the forces out, so no bound on them enters, as it does in HO's condition for (3).
-inline bool tracking_gains_suffice(double mu1, double mu2) {
-  return mu2 > 0.0 && mu1 > mu2;
+/// Whether the gains make the errors vanish in finite time where both stay off the wall: HO's condition with
+/// the bound 0, because the control takes the forces out.
+inline bool tracking_gains_suffice(const Regulator& gains) {
+  return gains_suffice(gains, 0.0);
 }
 
 /// Where plant and reference are, and what the controller did in the last step.

@@ -24,8 +24,7 @@ public:
             {.plant = {spec_.kappa, spec_.x0, spec_.v0, spec_.force},
              .reference = {spec_.reference->kappa, spec_.reference->x0, spec_.reference->v0,
                            spec_.reference->force},
-             .mu1 = spec_.regulator->mu1,
-             .mu2 = spec_.regulator->mu2},
+             .gains = *spec_.regulator},
             {.theta = scene.time.theta, .gamma = scene.time.gamma, .resample = spec_.resample})) {}
 
   Dvi& dvi() override { return *dvi_; }
@@ -108,7 +107,7 @@ Lines TrackingCase::report(std::int64_t unknowns) const {
   lines.emplace_back("plant", mass(spec_.kappa, spec_.force));
   lines.emplace_back("reference", mass(reference.kappa, reference.force));
   lines.emplace_back("gains", fmt::format("mu1 = {:.6g}, mu2 = {:.6g} m/s^2: {}", mu1, mu2,
-                                          tracking_gains_suffice(mu1, mu2)
+                                          tracking_gains_suffice(*spec_.regulator)
                                               ? "0 < mu2 < mu1, errors vanish in finite time off the wall"
                                               : "0 < mu2 < mu1 fails, errors need not vanish"));
   if (spec_.kappa != reference.kappa)

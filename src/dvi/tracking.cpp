@@ -8,6 +8,7 @@
 
 #include "dvi/tracking_step.hpp"
 #include "petsc/sparse.hpp"
+#include "sweepvi/impact_oscillators.hpp"
 
 namespace sweepvi {
 
@@ -15,17 +16,6 @@ namespace {
 
 double sign(double value) {
   return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : 0.0;
-}
-
-// R v sgn(s); at s = 0 the side is that to which v leads.
-double velocity(double kappa, double s, double v) {
-  const double side = s != 0.0 ? sign(s) : sign(v);
-  return (1.0 - kappa * side * sign(v)) * v * side;
-}
-
-// Its inverse with sgn(s) = 1.
-double upright_v(double kappa, double x_velocity) {
-  return x_velocity / (1.0 - kappa * sign(x_velocity));
 }
 
 void check_bouncer(const Bouncer& bouncer, const std::string& name) {
@@ -41,7 +31,7 @@ void check_bouncer(const Bouncer& bouncer, const std::string& name) {
 void check_problem(const TrackingProblem& problem, const TrackingOptions& options) {
   check_bouncer(problem.plant, "plant");
   check_bouncer(problem.reference, "reference");
-  for (const double gain : {problem.mu1, problem.mu2})
+  for (const double gain : {problem.gains.mu1, problem.gains.mu2})
     if (!(gain > 0.0)) throw InputError("a gain is " + std::to_string(gain) + "; expected mu1, mu2 > 0");
   for (const double weight : {options.theta, options.gamma})
     if (!(weight > 0.0 && weight <= 1.0))
@@ -102,10 +92,13 @@ Tracking::Tracking(MPI_Comm comm, const TrackingProblem& problem, const Tracking
   MPI_Comm_rank(comm, &rank_);
   u_ = make_vector(comm, mine() ? tracking_size : 0);
   Unknowns u = Unknowns::Zero();
-  u[S] = problem.plant.x0;
-  u[V] = upright_v(problem.plant.kappa, problem.plant.velocity0);
-  u[SREF] = problem.reference.x0;
-  u[VREF] = upright_v(problem.reference.kappa, problem.reference.velocity0);
+  const auto place = [&u](const Bouncer& bouncer, int s) {
+    const Transformed start = to_transformed({bouncer.x0, bouncer.velocity0}, bouncer.kappa);
+    u[s] = start.s;
+    u[s + 1] = start.v;
+  };
+  place(problem.plant, S);
+  place(problem.reference, SREF);
   for (int i = 0; i < 4; ++i)
     u[LS + i] = sign(u[S + i]);
   u[LES] = sign(u[S] - u[SREF]);
@@ -143,9 +136,9 @@ void Tracking::turn_upright() {
   Unknowns u = read(u_.get());
   if (u[S] < 0.0 || (u[S] == 0.0 && u[V] < 0.0)) u = -u;
   const double kappa = problem_.plant.kappa;
-  const double x = std::abs(u[S]);
-  u[V] = upright_v(kappa, velocity(kappa, u[S], u[V]));
-  u[S] = x;
+  const Transformed upright = to_transformed(to_physical({u[S], u[V]}, kappa), kappa);
+  u[S] = upright.s;
+  u[V] = upright.v;
   write(u, u_.get());
 }
 
@@ -237,10 +230,12 @@ void Tracking::publish(const Unknowns& u) {
   tracked_.v = u[V];
   tracked_.s_ref = u[SREF];
   tracked_.v_ref = u[VREF];
-  tracked_.x = std::abs(u[S]);
-  tracked_.x_ref = std::abs(u[SREF]);
-  tracked_.velocity = velocity(problem_.plant.kappa, u[S], u[V]);
-  tracked_.velocity_ref = velocity(problem_.reference.kappa, u[SREF], u[VREF]);
+  const Physical plant = to_physical({u[S], u[V]}, problem_.plant.kappa);
+  const Physical reference = to_physical({u[SREF], u[VREF]}, problem_.reference.kappa);
+  tracked_.x = plant.x;
+  tracked_.velocity = plant.velocity;
+  tracked_.x_ref = reference.x;
+  tracked_.velocity_ref = reference.velocity;
   for (int i = 0; i < 6; ++i)
     tracked_.lambda[static_cast<std::size_t>(i)] = u[LS + i];
 }

@@ -136,14 +136,14 @@ bool TrackingStep::solve_plant(Unknowns& u) const {
     const auto [sign_es, sign_ev, sign_s, sign_v] = mean;
     const double square = sign_s * sign_s;
     const double R = 1.0 - kappa * sign_s * sign_v;
-    const double pull = g - problem_.mu1 * sign_es - problem_.mu2 * sign_ev;
+    const double pull = g - problem_.gains.mu1 * sign_es - problem_.gains.mu2 * sign_ev;
     const double K = sign_s * (1.0 - square) / R;
     const double a = square * pull + K * force;
     const double mean_v = v + theta * h_ * a;
     at.y = make({s + h_ * R * mean_v - u[SREF], v + h_ * a - u[VREF], s + h_ * R * mean_v, v + h_ * a});
     const Eigen::RowVector4d R_by(0.0, 0.0, -kappa * sign_v, -kappa * sign_s);
     Eigen::RowVector4d a_by = -K * force / R * R_by;
-    a_by += Eigen::RowVector4d(-square * problem_.mu1, -square * problem_.mu2,
+    a_by += Eigen::RowVector4d(-square * problem_.gains.mu1, -square * problem_.gains.mu2,
                                2.0 * sign_s * pull + (1.0 - 3.0 * square) / R * force, 0.0);
     for (const Eigen::Index row : {0, 2}) {  // errors change as s and v do
       at.derivative.row(row) = gamma * h_ * (mean_v * R_by + R * theta * h_ * a_by);
@@ -159,7 +159,8 @@ bool TrackingStep::solve_plant(Unknowns& u) const {
     return at;
   };
   const double largest_K = 0.385 / (1.0 - kappa);  // sign_s (1 - sign_s^2) is at most 2 / 3^1.5
-  const double kick = h_ * (problem_.mu1 + problem_.mu2 + std::abs(g) + largest_K * std::abs(force));
+  const double kick =
+      h_ * (problem_.gains.mu1 + problem_.gains.mu2 + std::abs(g) + largest_K * std::abs(force));
   const double path = h_ * (1.0 + kappa) * (std::abs(v) + kick);
   inclusion.low = make({s - path - u[SREF], v - kick - u[VREF], s - path, v - kick});
   inclusion.high = make({s + path - u[SREF], v + kick - u[VREF], s + path, v + kick});

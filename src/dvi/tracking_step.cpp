@@ -48,7 +48,7 @@ Eigen::Vector4d TrackingStep::force_gradient(const Bouncer& bouncer, const Mass&
 
 // mu1 lambda_es + mu2 lambda_ev
 double TrackingStep::brake(const Unknowns& u) const {
-  return problem_.mu1 * weighted_sign(u, LES) + problem_.mu2 * weighted_sign(u, LEV);
+  return problem_.gains.mu1 * weighted_sign(u, LES) + problem_.gains.mu2 * weighted_sign(u, LEV);
 }
 
 TrackingStep::Unknowns TrackingStep::residual(const Unknowns& u) const {
@@ -81,7 +81,7 @@ TrackingStep::Unknowns TrackingStep::terms(const Unknowns& u) const {
   const double sign_s = size_of_sign(LS);
   const double square = sign_s * sign_s;
   const double g = size_of_sign(LSREF) * std::abs(ref.force) / ref.R;
-  const double brakes = problem_.mu1 * size_of_sign(LES) + problem_.mu2 * size_of_sign(LEV);
+  const double brakes = problem_.gains.mu1 * size_of_sign(LES) + problem_.gains.mu2 * size_of_sign(LEV);
   Unknowns terms;
   terms[V] = std::abs(u[V]) + std::abs(start_[V]) +
              h_ * (square * (g + brakes) + sign_s * (1.0 + square) * std::abs(plant.force) / plant.R);
@@ -140,8 +140,8 @@ TrackingStep::Jacobian TrackingStep::jacobian(const Unknowns& u) const {
   a[3] += gamma * K * kappa * plant.sign_s * plant.force / plant.R;
   for (int i = 0; i < 4; ++i)
     J(V, of_plant[static_cast<std::size_t>(i)]) -= h_ * a[i];
-  J(V, LES) = h_ * gamma * square * problem_.mu1;
-  J(V, LEV) = h_ * gamma * square * problem_.mu2;
+  J(V, LES) = h_ * gamma * square * problem_.gains.mu1;
+  J(V, LEV) = h_ * gamma * square * problem_.gains.mu2;
 
   for (int i = 0; i < 4; ++i)
     J(LS + i, S + i) = -1.0;
@@ -161,7 +161,7 @@ double TrackingStep::control_bound(const Unknowns& u) const {
   const double force = std::abs(mass(problem_.plant, u, S, LS).force);
   const double force_ref = std::abs(mass(problem_.reference, u, SREF, LSREF).force);
   return (1.0 + problem_.plant.kappa) *
-             (problem_.mu1 + problem_.mu2 + force_ref / (1.0 - problem_.reference.kappa)) +
+             (problem_.gains.mu1 + problem_.gains.mu2 + force_ref / (1.0 - problem_.reference.kappa)) +
          force;
 }
 

@@ -21,8 +21,7 @@ namespace {
 TrackingProblem paper() {
   return {.plant = {.kappa = 0.5, .x0 = 6.0, .velocity0 = 5.0, .force = Signal{-9.81}},
           .reference = {.kappa = 0.5, .x0 = 3.0, .velocity0 = 3.0, .force = Signal{-19.81}},
-          .mu1 = 30.0,
-          .mu2 = 17.0};
+          .gains = {30.0, 17.0}};
 }
 
 struct Motion {
@@ -248,9 +247,9 @@ TEST(Tracking, RandomProblems) {
       const double x0 = 3.0 * uniform(engine);
       return Bouncer{.kappa = kappa, .x0 = x0, .velocity0 = 10.0 * uniform(engine) - 5.0, .force = force()};
     };
-    TrackingProblem problem{.plant = bouncer(), .reference = bouncer()};
-    problem.mu1 = 10.0 + 30.0 * uniform(engine);
-    problem.mu2 = problem.mu1 * (0.01 + 0.99 * uniform(engine));
+    TrackingProblem problem{.plant = bouncer(), .reference = bouncer(), .gains = {}};
+    problem.gains.mu1 = 10.0 + 30.0 * uniform(engine);
+    problem.gains.mu2 = problem.gains.mu1 * (0.01 + 0.99 * uniform(engine));
     if (trial % 2 == 0) problem.reference.kappa = problem.plant.kappa;
     const Motion run = march(problem, {0.0, 4.0, trial % 4 < 2 ? 100 : 500});
     EXPECT_TRUE(run.certified) << "trial " << trial << " failed after " << run.taken << " steps";
@@ -350,12 +349,12 @@ TEST(Tracking, RefusesWhatMakesNoSense) {
   problem.plant.x0 = -1e-9;
   expect_refusal(problem);
   problem = paper();
-  problem.mu2 = 0.0;
+  problem.gains.mu2 = 0.0;
   expect_refusal(problem);
   expect_refusal(paper(), {.theta = 0.0});
   expect_refusal(paper(), {.gamma = 1.5});
-  EXPECT_TRUE(tracking_gains_suffice(30.0, 17.0));
-  EXPECT_FALSE(tracking_gains_suffice(17.0, 17.0));
+  EXPECT_TRUE(tracking_gains_suffice({30.0, 17.0}));
+  EXPECT_FALSE(tracking_gains_suffice({17.0, 17.0}));
 }
 
 }  // namespace
