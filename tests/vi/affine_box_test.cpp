@@ -1,5 +1,5 @@
-// Lemke's method on affine box VIs: against enumeration of all complementary bases, and on matrices of every
-// kind. ranks: 1
+// Lemke's method on affine box VIs: against enumeration of all bases, and on matrices of every kind.
+// ranks: 1
 #include <gtest/gtest.h>
 #include <petscsys.h>
 
