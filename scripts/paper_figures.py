@@ -1,4 +1,4 @@
-"""Draws the figures of the two papers from scenes of examples/, with the exact solution where there is one.
+"""Draws the figures of the two papers, and some more, from scenes of examples/, with the exact solution where there is one.
 
 usage: paper_figures.py PROGRAM FOLDER [NAME ...]    PROGRAM: sweepvi; all figures unless NAMEs are given
 """
@@ -228,6 +228,52 @@ def ho_figure8(runs):
     fig, ax = panels(1, 1, (6.4, 3.2))
     ax[0].step(run["t"][1:], run["u"].ravel()[1:], where="pre", **COMPUTED)
     finish(ax[0], "time (s)", "control u (N)")
+    return fig
+
+
+# ---------------------------------------------------------------- beyond the papers
+
+@figure
+def hysteresis(runs):
+    """Loops of the play and the stop operator over the input y = 2 sin(2 pi t)."""
+    fig, ax = panels(1, 2, (7.2, 3.2))
+    for part, scene, title in ((ax[0], "play_operator/scene.toml", "play"), (ax[1], "stop_operator/scene.toml", "stop")):
+        run = runs(scene)
+        part.plot(2.0 * np.sin(2.0 * np.pi * run["t"]), run["x"][:, 0], **COMPUTED)
+        finish(part, "input y", "u", title)
+    return fig
+
+
+@figure
+def moving_polygon(runs):
+    """The path of a point that a hexagon pushes around, and the hexagon every half second."""
+    run = runs("moving_polygon/scene.toml")
+    fig, ax = panels(1, 1, (4.6, 4.2))
+    corners = 0.5 / np.cos(np.pi / 6) * np.exp(1j * (np.pi / 3 * np.arange(7) + np.pi / 6))
+    for k, t in enumerate((2.0, 2.25, 2.5, 2.75)):
+        outline = corners + 2.0 * np.exp(2j * np.pi * t)
+        ax[0].plot(outline.real, outline.imag, color=MUTED, linewidth=0.7, label=None if k else "the hexagon, each 0.25 s")
+    ax[0].plot(*run["x"].T, **COMPUTED, label="the point")
+    at = np.searchsorted(run["t"], (2.0, 2.25, 2.5, 2.75))
+    ax[0].plot(*run["x"][at].T, "o", color=COLOURS[1], markersize=4, label="the point, each 0.25 s")
+    ax[0].set_aspect("equal")
+    finish(ax[0], "$u_1$", "$u_2$")
+    return fig
+
+
+@figure
+def elastic_bar(runs):
+    """The foot of the elastic bar, and the force that the floor takes."""
+    run = runs("elastic_bar/scene.toml")
+    t, h = run["t"], run["t"][1]
+    fig, ax = panels(2, 1, (6.4, 4.2))
+    phase = t % 3.0
+    ax[0].plot(t, run["w"][:, 0], **COMPUTED, label="200 masses")
+    ax[0].plot(t, np.maximum(0.0, np.maximum(1.0 - phase, phase - 2.0)) / 2.0, **EXACT)
+    finish(ax[0], "", "foot above the floor")
+    ax[1].plot(t, run["mu"][:, 0, -1] / h, **COMPUTED, label="200 masses, impulse / h")
+    ax[1].plot(t, np.where((phase > 1.0) & (phase < 2.0), 0.5, 0.0), **EXACT)
+    finish(ax[1], "time (s)", "contact force")
     return fig
 
 
