@@ -113,6 +113,7 @@ Lines TrackingCase::report(std::int64_t unknowns) const {
   if (spec_.kappa != reference.kappa)
     lines.emplace_back("  restitution", "not the same: each bounce brings errors back");
   lines.emplace_back("control", fmt::format("|u| at most {:.6g} m/s^2", bound));
+  lines.emplace_back("form", form());
   lines.emplace_back("unknowns", fmt::format("{} (4 states + 6 signs)", unknowns));
   return lines;
 }
