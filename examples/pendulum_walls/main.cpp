@@ -19,6 +19,7 @@
 //         2.31 J, 1.70 J are lost at impacts; the balance, kinetic + potential + dissipated, is off by 8e-4,
 //         8e-5, 8e-6 J at most (each impact costs O(h)), and without impacts (-wall 10) by O(h^2).
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "pendulum_walls.hpp"
@@ -51,7 +52,7 @@ void simulate(MPI_Comm comm) {
                     jacobian_error(carts, 0.0, q.get(), v.get())));
 
   // 2. A march in equal steps.
-  const auto steps = static_cast<PetscInt>(seconds * static_cast<double>(per_second) + 0.5);
+  const auto steps = static_cast<PetscInt>(std::lround(seconds * static_cast<double>(per_second)));
   const TimeGrid grid{.start = 0.0, .end = seconds, .steps = steps};
   const auto problem = make_moreau_jean(carts, options, grid);
   TimeMarch march(*problem, grid);
@@ -73,7 +74,7 @@ void simulate(MPI_Comm comm) {
 
     // 3. Where the energy is.
     const Energy energy = problem->energy();
-    const ReadArray at(problem->q());
+    const ReadArray at(problem->position());
     check(PetscPrintf(comm, "%6.3f %14.9f %14.9f %12.8f %12.8f %12.8f %12.3e\n", march.time(),
                       at.size() > 0 ? at[0] : 0.0, at.size() > 0 ? at[1] : 0.0, energy.kinetic,
                       energy.potential, energy.dissipated,

@@ -96,8 +96,8 @@ struct Energy {
 /// contact begins. Penetration is max(0, -g). There is no `z`.
 class MechanicalDvi : public ConstrainedDvi {
 public:
-  virtual Vec q() const = 0;  ///< coordinates, this rank's
-  virtual Vec v() const = 0;  ///< velocities, this rank's
+  virtual Vec position() const = 0;  ///< q
+  virtual Vec velocity() const = 0;  ///< v
   /// @note Collective.
   virtual Energy energy() = 0;
 };

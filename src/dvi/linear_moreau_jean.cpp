@@ -323,10 +323,9 @@ void LinearMoreauJean::settle(Vec u) {
     if (!dual_) {
       const double bound = contacts_.rebound(a) / weight_[a];
       if (contacts_.detected(a) && std::abs(value - bound) <= held_rtol * scale[row(a)]) value = bound;
-    } else if (pinned(a) || value < 0.0) {
-      value = 0.0;
-    } else if (f[row(a)] > value && f[row(a)] > held_rtol * scale[row(a)]) {
-      value = 0.0;  // open
+    } else {
+      const bool open = f[row(a)] > value && f[row(a)] > held_rtol * scale[row(a)];
+      if (pinned(a) || value < 0.0 || open) value = 0.0;
     }
   }
 }

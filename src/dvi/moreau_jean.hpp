@@ -16,8 +16,8 @@ public:
   MPI_Comm comm() const final { return comm_; }
   Vec state() const final { return u_.get(); }
   Vec x() const final { return x_.get(); }
-  Vec q() const final { return q_.get(); }
-  Vec v() const final { return v_.get(); }
+  Vec position() const final { return q_.get(); }
+  Vec velocity() const final { return v_.get(); }
   const std::vector<double>& w() const final { return contacts_.gap; }
   const std::vector<double>& z() const final { return no_outputs_; }
   const std::vector<double>& mu() const final { return contacts_.mu; }

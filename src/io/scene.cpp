@@ -23,6 +23,7 @@ const std::vector<std::string> planned_schemes = {"hybrid"};
 template <class Choice>
 std::vector<std::string> names_of(const std::vector<Choice>& choices) {
   std::vector<std::string> names;
+  names.reserve(choices.size());
   for (const Choice choice : choices)
     names.emplace_back(name_of(choice));
   return names;

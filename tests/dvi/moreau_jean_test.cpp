@@ -238,7 +238,7 @@ TEST(MoreauJean, TouchingBallsShareOneBlow) {
     const StepReport report = march.step();
     ASSERT_TRUE(report.certified);
     EXPECT_EQ(report.rung, 0);
-    const ReadArray v(dvi->v());
+    const ReadArray v(dvi->velocity());
     for (PetscInt j = 0; j < v.size(); ++j) {
       const bool first = system.coordinate_order[static_cast<std::size_t>(j)] == 0;
       EXPECT_NEAR(v[j], first ? speed * (1.0 - (1.0 + e) * (n - 1.0) / n) : (1.0 + e) * speed / n, tolerance);
@@ -328,7 +328,7 @@ Worst judge(const LagrangianSystem& system, const MoreauJeanOptions& options, co
       break;
     }
     // v_theta, q_theta, dv
-    check(VecWAXPY(dv.get(), -1.0, v.get(), dvi->v()));
+    check(VecWAXPY(dv.get(), -1.0, v.get(), dvi->velocity()));
     check(VecWAXPY(v_theta.get(), theta, dv.get(), v.get()));
     check(VecWAXPY(q_theta.get(), h * theta, v_theta.get(), q.get()));
     check(MatMult(system.M.get(), dv.get(), balance.get()));
@@ -355,10 +355,10 @@ Worst judge(const LagrangianSystem& system, const MoreauJeanOptions& options, co
     worst.momentum = std::max(worst.momentum, std::abs(sum));
 
     check(MatMult(system.H.get(), v.get(), old_gap_velocity.get()));
-    check(MatMult(system.H.get(), dvi->v(), gap_velocity.get()));
+    check(MatMult(system.H.get(), dvi->velocity(), gap_velocity.get()));
     check(VecAXPY(q.get(), h, v_theta.get()));
-    check(VecCopy(dvi->v(), v.get()));
-    check(MatMultAdd(system.H.get(), dvi->q(), system.g0.get(), gap.get()));
+    check(VecCopy(dvi->velocity(), v.get()));
+    check(MatMultAdd(system.H.get(), dvi->position(), system.g0.get(), gap.get()));
     const ReadArray before(old_gap_velocity.get());
     const ReadArray after(gap_velocity.get());
     const ReadArray computed(gap.get());
@@ -382,7 +382,7 @@ Worst judge(const LagrangianSystem& system, const MoreauJeanOptions& options, co
     worst.work = energy.work;
     worst.scheme = energy.scheme;
   }
-  check(VecAXPY(q.get(), -1.0, dvi->q()));
+  check(VecAXPY(q.get(), -1.0, dvi->position()));
   double drift = 0.0;
   check(VecNorm(q.get(), NORM_INFINITY, &drift));
   EXPECT_LE(drift, 1e-11);  // q_{k+1} = q_k + h v_theta, summed up twice over hundreds of steps
@@ -390,8 +390,8 @@ Worst judge(const LagrangianSystem& system, const MoreauJeanOptions& options, co
     MPI_Allreduce(MPI_IN_PLACE, value, 1, MPI_DOUBLE, MPI_MAX, PETSC_COMM_WORLD);
   for (double* value : {&worst.active, &worst.impacts})
     MPI_Allreduce(MPI_IN_PLACE, value, 1, MPI_DOUBLE, MPI_SUM, PETSC_COMM_WORLD);
-  worst.x = in_scene_order(system, system.coordinate_order, dvi->q());
-  const std::vector<double> velocities = in_scene_order(system, system.coordinate_order, dvi->v());
+  worst.x = in_scene_order(system, system.coordinate_order, dvi->position());
+  const std::vector<double> velocities = in_scene_order(system, system.coordinate_order, dvi->velocity());
   worst.x.insert(worst.x.end(), velocities.begin(), velocities.end());
   return worst;
 }

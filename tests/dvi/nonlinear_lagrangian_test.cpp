@@ -103,8 +103,8 @@ End march(MechanicalDvi& dvi, const TimeGrid& grid) {
   const Energy energy = dvi.energy();
   end.dissipated = energy.dissipated;
   end.balance = energy.kinetic + energy.potential + energy.dissipated - start.kinetic - start.potential;
-  end.x = everywhere(dvi.q());
-  const std::vector<double> v = everywhere(dvi.v());
+  end.x = everywhere(dvi.position());
+  const std::vector<double> v = everywhere(dvi.velocity());
   end.x.insert(end.x.end(), v.begin(), v.end());
   return end;
 }
