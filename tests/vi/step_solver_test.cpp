@@ -123,7 +123,9 @@ TEST(StepSolver, AStepWithoutSolutionIsAResult) {
 // A box VI of a bounded box has a solution whatever its matrix is. Newton's method does not always find one;
 // Lemke's does, so the ladder may not fail.
 TEST(StepSolver, TheLadderEndsInAPivotingMethod) {
-  constexpr int problems = 40;
+  int ranks = 1;
+  MPI_Comm_size(PETSC_COMM_WORLD, &ranks);
+  const int problems = ranks == 1 ? 40 : 8;  // tiny ones: more ranks have nothing to do but wait
   constexpr std::size_t n = 8;
   std::mt19937 engine(7);  // the same on all ranks
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
