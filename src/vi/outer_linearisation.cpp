@@ -74,7 +74,7 @@ bool OuterLinearisation::advance(Vec u, Vec lower, Vec upper) {
   check(VecGetOwnershipRange(u, &first, nullptr));
   const WriteArray values(u);
   for (PetscInt i = 0; i < values.size(); ++i)
-    values[i] = next[static_cast<std::size_t>(first + i)];
+    values[i] = next[static_cast<std::size_t>(first) + static_cast<std::size_t>(i)];
   return true;
 }
 

@@ -179,6 +179,8 @@ def natural_ratio(problem, u):
 
 
 class Solve(unittest.TestCase):
+    LCPS, MIXED = 60, 18  # solve_full_test.py has more
+
     def judge_solved(self, problem, result):
         outcome = result["outcome"]
         self.assertEqual(outcome.code, 0, f"{problem['kind']}, n = {len(problem['q'])}\n{outcome}")
@@ -217,12 +219,12 @@ class Solve(unittest.TestCase):
 
     def test_random_lcps(self):
         rng = np.random.default_rng(SEED)
-        self.judge_all([lcp(rng, KINDS[i % len(KINDS)]) for i in range(200)])
+        self.judge_all([lcp(rng, KINDS[i % len(KINDS)]) for i in range(self.LCPS)])
 
     def test_random_mixed_problems(self):
         rng = np.random.default_rng(SEED + 1)
         kinds = [positive_definite, m_matrix, h_matrix]
-        self.judge_all([mixed(rng, kinds[i % 3]) for i in range(50)])
+        self.judge_all([mixed(rng, kinds[i % 3]) for i in range(self.MIXED)])
 
     def test_on_two_ranks(self):
         rng = np.random.default_rng(SEED + 2)

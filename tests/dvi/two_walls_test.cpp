@@ -243,6 +243,8 @@ private:
 };
 
 TEST(TwoWalls, DrivenMassMeetsBothWallsOnTime) {
+  int ranks = 1;
+  MPI_Comm_size(PETSC_COMM_WORLD, &ranks);
   const DrivenMass exact;
   ASSERT_GE(exact.contacts.size(), 10U);
   const DenseSystem mass = {.A = {0, 1, 0, 0},
@@ -254,6 +256,7 @@ TEST(TwoWalls, DrivenMassMeetsBothWallsOnTime) {
   for (const char* form : {"box-on-z", "primal-dual"}) {
     double previous = 0.0;
     for (const PetscInt steps : {115, 460, 1840}) {
+      if (ranks > 1 && steps > 460) continue;  // a single mass is on one rank anyway, the others wait
       const TimeGrid times{0.0, DrivenMass::end, steps};
       const double h = times.h();
       SCOPED_TRACE(std::string(form) + ", h = " + std::to_string(h));
