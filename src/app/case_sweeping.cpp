@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "app/case.hpp"
+#include "io/step_events.hpp"
 #include "model/sweeping_from_scene.hpp"
 
 namespace sweepvi::app {
@@ -71,13 +72,7 @@ Recording SweepingCase::recording(const OutputSpec&) const {
        .positions = rows,
        .total = total,
        .read = [&dvi](double* to) { std::copy(dvi.level().begin(), dvi.level().end(), to); }});
-  recording.events = [&dvi, rows](double t) {
-    std::vector<Event> events;
-    for (const StepEvent& event : dvi.events())
-      events.push_back({t, rows[static_cast<std::size_t>(event.constraint)], event.level,
-                        event.impact ? Event::Kind::impact : Event::Kind::liftoff, event.impulse});
-    return events;
-  };
+  recording.events = [&dvi, rows](double t) { return events_of(dvi.events(), rows, t); };
   return recording;
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "app/case.hpp"
+#include "io/step_events.hpp"
 #include "sweepvi/tracking.hpp"
 
 namespace sweepvi::app {
@@ -82,13 +83,7 @@ Recording TrackingCase::recording(const OutputSpec&) const {
                }),
       quantity("/u", "control in the step that ends at t", "m/s^2", {"u"},
                [](const TrackingState& state, double* to) { *to = state.control; })};
-  recording.events = [this](double t) {
-    std::vector<Event> events;
-    for (const StepEvent& event : dvi_->events())
-      events.push_back({t, event.constraint, event.level,
-                        event.impact ? Event::Kind::impact : Event::Kind::liftoff, event.impulse});
-    return events;
-  };
+  recording.events = [this](double t) { return events_of(dvi_->events(), {0, 1}, t); };
   recording.impulse_units = "m/s";
   return recording;
 }

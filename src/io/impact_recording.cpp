@@ -4,6 +4,7 @@
 #include <array>
 
 #include "io/selection.hpp"
+#include "io/step_events.hpp"
 
 namespace sweepvi {
 
@@ -93,11 +94,7 @@ Recording impact_recording(const OutputSpec& output, const LinearSystem& system,
        .total = 3,
        .read = [comm, &oscillators, &dvi](double* to) { find_energy(comm, oscillators, dvi, to); }});
   recording.events = [&system, &dvi](double t) {
-    std::vector<Event> events;
-    for (const StepEvent& event : dvi.events())
-      events.push_back({t, system.constraint_order[static_cast<std::size_t>(event.constraint)], event.level,
-                        event.impact ? Event::Kind::impact : Event::Kind::liftoff, event.impulse});
-    return events;
+    return events_of(dvi.events(), system.constraint_order, t);
   };
   return recording;
 }

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "io/selection.hpp"
+#include "io/step_events.hpp"
 
 namespace sweepvi {
 
@@ -99,11 +100,7 @@ Recording mechanical_recording(const OutputSpec& output, const LagrangianSystem&
        .read = [energy, write](double* to) { write(to, energy->damping, energy->work, energy->scheme); }});
 
   recording.events = [&system, &dvi](double t) {
-    std::vector<Event> events;
-    for (const StepEvent& event : dvi.events())
-      events.push_back({t, system.constraint_order[static_cast<std::size_t>(event.constraint)], event.level,
-                        event.impact ? Event::Kind::impact : Event::Kind::liftoff, event.impulse});
-    return events;
+    return events_of(dvi.events(), system.constraint_order, t);
   };
   return recording;
 }

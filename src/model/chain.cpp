@@ -1,6 +1,7 @@
 #include "model/chain.hpp"
 
 #include "model/coupling_graph.hpp"
+#include "model/dense_parts.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -19,14 +20,6 @@ ChainSpec ChainSpec::of(const Element& element, std::int64_t count) {
 
 namespace {
 
-LocalRange share_of(MPI_Comm comm, PetscInt count) {
-  PetscInt local = PETSC_DECIDE;
-  check(PetscSplitOwnership(comm, &local, &count));
-  PetscInt last = 0;
-  MPI_Scan(&local, &last, 1, MPIU_INT, MPI_SUM, comm);
-  return {last - local, last};
-}
-
 bool anywhere(MPI_Comm comm, bool here) {
   int any = here ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, comm);
@@ -41,7 +34,7 @@ public:
         spec_(spec),
         element_(*spec.element),
         states_(static_cast<PetscInt>(element_.states.size())),
-        elements_(share_of(comm, static_cast<PetscInt>(spec.count))),
+        elements_(share(comm, static_cast<PetscInt>(spec.count))),
         graph_(comm, spec, elements_),
         values_(element_.keys.size()) {}
 

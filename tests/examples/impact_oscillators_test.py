@@ -10,7 +10,7 @@ import numpy as np
 import oscillators
 import program
 
-BALL, REGULATOR, CHAIN = (f"zi_{name}/scene.toml" for name in ("ball", "regulator", "chain"))
+BALL, REGULATOR, CHAIN = "zi_ball/scene.toml", "zi_regulator/scene.toml", "zi_chain/scene.toml"
 
 
 class ImpactOscillators(unittest.TestCase):

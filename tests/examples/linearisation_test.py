@@ -38,15 +38,16 @@ class Linearisation(unittest.TestCase):
         return [rows[problem, method][1] for method in METHODS]
 
     def test_a_small_study(self):
-        rows = table(systems=60, step=1e-2)
+        steps = 100  # five of each system
+        rows = table(systems=steps // 5, step=1e-2)
         self.assertEqual(len(rows), 6 * len(METHODS))
         for problem in ("ball", "regulator", "tracking"):
-            for name, steps in ((problem, 300), (f"random {problem}", 300)):
+            for name in (problem, f"random {problem}"):
                 reduced, semismooth, outer, ladder = self.solved(rows, name)
                 self.assertTrue(all(rows[name, method][0] == steps for method in METHODS))
                 # The ladder's first rung is reduced space; its fifth, outer linearisation.
                 self.assertGreaterEqual(ladder, max(reduced, outer), name)
-                self.assertGreaterEqual(ladder, 0.99 * steps, name)
+                self.assertGreaterEqual(ladder, 0.97 * steps, name)
                 self.assertGreater(outer, reduced, f"{name}: SNESVI alone solves more")
                 for method in METHODS:
                     _, solved, same, mean, most = rows[name, method]
@@ -56,9 +57,9 @@ class Linearisation(unittest.TestCase):
                     self.assertEqual(outer, steps, name)
                     self.assertLessEqual(rows[name, "outer"][3], 4, name)
                     self.assertEqual(rows[name, "outer"][2], 100, "balls that fall have one solution")
-        # 98.7 % of 5000 steps; 300 of them are off by more than 3 % once in 10^5.
-        self.assertAlmostEqual(self.solved(rows, "random tracking")[2] / 300, 0.987, delta=0.03)
-        self.assertAlmostEqual(self.solved(rows, "random tracking")[0] / 300, 0.764, delta=0.12)
+        # 98.7 % and 76.4 % of 5000 steps; four standard deviations of 100 steps.
+        self.assertAlmostEqual(self.solved(rows, "random tracking")[2] / steps, 0.987, delta=0.046)
+        self.assertAlmostEqual(self.solved(rows, "random tracking")[0] / steps, 0.764, delta=0.17)
 
     def test_two_ranks(self):
         rows = table(systems=3, step=1e-1, ranks=2)
