@@ -38,11 +38,11 @@ class Linearisation(unittest.TestCase):
         return [rows[problem, method][1] for method in METHODS]
 
     def test_a_small_study(self):
-        steps = 100  # five of each system
-        rows = table(systems=steps // 5, step=1e-2)
+        random = 100  # five steps of each system
+        rows = table(systems=random // 5, step=1e-2)
         self.assertEqual(len(rows), 6 * len(METHODS))
         for problem in ("ball", "regulator", "tracking"):
-            for name in (problem, f"random {problem}"):
+            for name, steps in ((problem, 300), (f"random {problem}", random)):
                 reduced, semismooth, outer, ladder = self.solved(rows, name)
                 self.assertTrue(all(rows[name, method][0] == steps for method in METHODS))
                 # The ladder's first rung is reduced space; its fifth, outer linearisation.
@@ -58,8 +58,8 @@ class Linearisation(unittest.TestCase):
                     self.assertLessEqual(rows[name, "outer"][3], 4, name)
                     self.assertEqual(rows[name, "outer"][2], 100, "balls that fall have one solution")
         # 98.7 % and 76.4 % of 5000 steps; four standard deviations of 100 steps.
-        self.assertAlmostEqual(self.solved(rows, "random tracking")[2] / steps, 0.987, delta=0.046)
-        self.assertAlmostEqual(self.solved(rows, "random tracking")[0] / steps, 0.764, delta=0.17)
+        self.assertAlmostEqual(self.solved(rows, "random tracking")[2] / random, 0.987, delta=0.046)
+        self.assertAlmostEqual(self.solved(rows, "random tracking")[0] / random, 0.764, delta=0.17)
 
     def test_two_ranks(self):
         rows = table(systems=3, step=1e-1, ranks=2)
