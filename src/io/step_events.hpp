@@ -12,6 +12,7 @@ namespace sweepvi {
 inline std::vector<Event> events_of(const std::vector<StepEvent>& step, const std::vector<PetscInt>& numbers,
                                     double t) {
   std::vector<Event> events;
+  events.reserve(step.size());
   for (const StepEvent& event : step)
     events.push_back({t, numbers[static_cast<std::size_t>(event.constraint)], event.level,
                       event.impact ? Event::Kind::impact : Event::Kind::liftoff, event.impulse});
