@@ -369,7 +369,9 @@ StepReport StepSolver::solve(const Step& step) {
     iterations += attempt(rung, report.reason);
     problem_.settle(u_.get());
     report.residual = worst_ratio(u_.get());
-    report.certified = report.residual <= certificate_.rtol && problem_.admissible(u_.get());
+    const bool solved = report.residual <= certificate_.rtol;
+    report.certified = solved && problem_.admissible(u_.get());
+    if (solved && !report.certified) report.reason += ", at a solution on a branch that the process refuses,";
     report.predicted = predicted && rung == first && iterations == 0;
     if (report.certified) {
       report.iterations = iterations;
