@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "sweepvi/petsc.hpp"
+#include "sweepvi/state_visitor.hpp"
 
 namespace sweepvi {
 
@@ -91,6 +92,10 @@ public:
   virtual bool admissible(Vec) { return true; }
   /// Takes u as the state at t_{k+1}. `f` is F(u).
   virtual void accept(Vec u, Vec f) = 0;
+
+  /// Shows the visitor every number that later steps, or the recording of this one, depend on. Replaced, they
+  /// make the process go on from that moment; its time is told by the steps.
+  virtual void visit(StateVisitor& visitor) = 0;
 
   /// Worst violation of a constraint in the current state (0 if none).
   virtual double penetration() const = 0;

@@ -22,6 +22,7 @@ public:
   std::uint64_t jacobian_version() const override { return 0; }  // constant
   void settle(Vec u) override;                                   // into the box, exactly
   void accept(Vec u, Vec) override { check(VecCopy(u, u_.get())); }
+  void visit(StateVisitor& visitor) override { visitor.visit("u", Belongs::state, u_.get()); }
   double penetration() const override;
   PetscInt active() const override;
 

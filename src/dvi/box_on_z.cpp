@@ -67,7 +67,8 @@ Matrix BoxOnZ::create_jacobian() const {
 // c = (I - h W A W^{-1}) g_{k+1} - g_k + W phi, where phi is h f_{k+1}, completed so that c = 0 below level
 // r.
 void BoxOnZ::find_c(const Step& step) {
-  if (step.number > 1 && !forcing_.varies()) return;  // c is constant
+  if (has_c_ && !forcing_.varies()) return;
+  has_c_ = true;
   place_forcing(step.t_old, g_old_.get());
   check(VecCopy(g_outputs_.get(), g_outputs_old_.get()));
   place_forcing(step.t_new, g_.get());
@@ -149,6 +150,17 @@ void BoxOnZ::accept(Vec u, Vec f) {
   take(u, f, relative_degree_.markov_diagonal);
   check(VecWAXPY(work_.get(), -1.0, g_.get(), u));
   coordinates_.to_x(work_.get(), x_.get());
+}
+
+// Other states are the same in u and in x, to the bit; outputs stand in u as they do in the levels.
+void BoxOnZ::visit(StateVisitor& visitor) {
+  visitor.visit("x", Belongs::state, x_.get());
+  levels_.visit(visitor);
+  if (!visitor.replaces()) return;
+  check(VecCopy(x_.get(), u_.get()));
+  const WriteArray u(u_.get());
+  for (std::size_t q = 0; q < levels_.z.size(); ++q)
+    u[places_[q]] = levels_.z[q];
 }
 
 }  // namespace sweepvi

@@ -28,6 +28,7 @@ public:
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return 0; }  // constant
   void accept(Vec u, Vec f) override;
+  void visit(StateVisitor& visitor) override;
 
 private:
   void place_forcing(double t, Vec g_x);
@@ -41,6 +42,7 @@ private:
   Matrix plain_K_;                                 // I - h W A W^{-1}
   Matrix jumps_, inverse_jumps_, abs_inverse_;     // J, J^{-1}, its absolute values; empty: identity
   Matrix K_, abs_K_;                               // J^{-1} plain_K_ and its absolute values
+  bool has_c_ = false;                             // constant forcing: found once
   Vector g_outputs_old_, g_outputs_, defect_;      // layout of the outputs
   Vector g_old_, g_, c_, rhs_, rhs_terms_, work_;  // layout of x
 };

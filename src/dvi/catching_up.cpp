@@ -49,6 +49,17 @@ PetscInt CatchingUp::active() const {
       std::count_if(side_.begin(), side_.end(), [](Side side) { return side != Side::none; }));
 }
 
+void CatchingUp::visit(StateVisitor& visitor) {
+  visitor.visit("u", Belongs::state, x());
+  visitor.visit("w", Belongs::constraint, w_);
+  visitor.visit("mu", Belongs::constraint, mu_);
+  visitor.visit("level", Belongs::constraint, level_);
+  visitor.visit("side", Belongs::constraint, side_);
+  visitor.visit("old side", Belongs::constraint, old_side_);
+  visitor.visit("started outside", Belongs::constraint, started_outside_);
+  if (visitor.replaces()) events_.clear();
+}
+
 std::unique_ptr<ConstrainedDvi> make_sweeping_dvi(const SweepingSystem& system, const TimeGrid& grid) {
   if (system.is_box()) return std::make_unique<CatchingUpBox>(system, grid);
   return std::make_unique<CatchingUpPolyhedron>(system, grid);

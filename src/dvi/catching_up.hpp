@@ -26,6 +26,7 @@ public:
   const std::vector<int>& level() const final { return level_; }
   const std::vector<Side>& side() const final { return old_side_; }
   const std::vector<StepEvent>& events() const final { return events_; }
+  void visit(StateVisitor& visitor) override;
 
 protected:
   CatchingUp(const SweepingSystem& system, const TimeGrid& grid);
@@ -99,6 +100,7 @@ public:
   Degenerate degenerate() const override { return Degenerate::off_bound; }
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
+  void visit(StateVisitor& visitor) override;
 
 private:
   void move_faces(double t);

@@ -242,4 +242,16 @@ void CatchingUpPolyhedron::accept(Vec u, Vec) {
   advance(sides);
 }
 
+// Multipliers and active faces are where the next step starts from.
+void CatchingUpPolyhedron::visit(StateVisitor& visitor) {
+  CatchingUp::visit(visitor);
+  {
+    const WriteArray u(u_.get());
+    const ReadArray x(x_.get());
+    std::copy_n(x.data(), components_, u.data());
+    visitor.visit("nu", Belongs::constraint, std::span<double>(u.data() + components_, w_.size()), 1);
+  }
+  newton_->visit(visitor);
+}
+
 }  // namespace sweepvi

@@ -62,4 +62,14 @@ PetscInt ContactState::active() const {
   return static_cast<PetscInt>(std::count(contact.begin(), contact.end(), 1));
 }
 
+void ContactState::visit(StateVisitor& visitor) {
+  visitor.visit("gap", Belongs::constraint, gap);
+  visitor.visit("gap velocity", Belongs::constraint, velocity);
+  visitor.visit("level", Belongs::constraint, level);
+  visitor.visit("contact", Belongs::constraint, contact);
+  visitor.visit("mu", Belongs::constraint, mu, 2);
+  visitor.visit("side", Belongs::constraint, side);
+  if (visitor.replaces()) events.clear();
+}
+
 }  // namespace sweepvi

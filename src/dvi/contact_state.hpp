@@ -34,6 +34,7 @@ struct ContactState {
   void take_impulse(std::size_t a, bool holds, double impulse);
 
   double penetration(MPI_Comm comm) const;
+  void visit(StateVisitor& visitor);  ///< @note Collective.
   PetscInt active() const;
 };
 

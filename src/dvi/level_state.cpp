@@ -77,4 +77,26 @@ PetscInt LevelState::active() const {
   return count;
 }
 
+void LevelState::visit(StateVisitor& visitor) {
+  visit_outputs(visitor, "z", z);
+  visitor.visit("mu", Belongs::constraint, mu, static_cast<std::size_t>(mu_levels));
+  visitor.visit("w", Belongs::constraint, w);
+  visitor.visit("level", Belongs::constraint, level);
+  visitor.visit("side", Belongs::constraint, side);
+  if (visitor.replaces()) events.clear();
+}
+
+void LevelState::visit_outputs(StateVisitor& visitor, const char* name, std::span<double> values) const {
+  const auto width = static_cast<std::size_t>(mu_levels);
+  std::vector<double> padded(constraints() * width, 0.0);
+  const auto each = [&](auto&& act) {
+    for (std::size_t a = 0; a < constraints(); ++a)
+      for (int i = 1; i <= levels(a); ++i)
+        act(padded[a * width + static_cast<std::size_t>(i - 1)], values[at(a, i)]);
+  };
+  each([](double& to, double from) { to = from; });
+  visitor.visit(name, Belongs::constraint, padded, width);
+  each([](double from, double& to) { to = from; });
+}
+
 }  // namespace sweepvi

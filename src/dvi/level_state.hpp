@@ -48,6 +48,11 @@ struct LevelState {
     return z1 >= upper[a] ? Side::upper : Side::none;
   }
 
+  /// Outputs, levels and measures. @note Collective.
+  void visit(StateVisitor& visitor);
+  /// One number for each output, shown as [constraint][mu_levels]. @note Collective.
+  void visit_outputs(StateVisitor& visitor, const char* name, std::span<double> values) const;
+
   /// AB (40): r* = 1 if z_1 > 0, else 1 + the largest j <= r-1 with z_i <= 0 for all i <= j; mirrored at the
   /// upper wall.
   void apply_level_rule();

@@ -397,6 +397,11 @@ Energy LinearMoreauJean::energy() {
   return summed(comm(), sum);
 }
 
+void LinearMoreauJean::visit(StateVisitor& visitor) {
+  MoreauJean::visit(visitor);
+  if (visitor.replaces()) ++version_;  // what is pinned is told by the levels of the contacts
+}
+
 std::string against_box_on_v(const LagrangianSystem& system) {
   const LocalRange coordinates = row_range(system.M.get());
   std::vector<char> taken(static_cast<std::size_t>(coordinates.size()), 0);

@@ -33,6 +33,7 @@ public:
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
   Energy energy() override;
+  void visit(StateVisitor& visitor) override;
 
 private:
   void make_scales();

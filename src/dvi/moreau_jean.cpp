@@ -57,4 +57,30 @@ void MoreauJean::advance(Vec u) {
   check(VecCopy(u, u_.get()));
 }
 
+// The unknowns are the velocities, and multipliers if there are any: where the next step starts from.
+void MoreauJean::visit(StateVisitor& visitor) {
+  visitor.visit("q", Belongs::state, q_.get());
+  visitor.visit("v", Belongs::state, v_.get());
+  contacts_.visit(visitor);
+  double* parts[] = {&lost_.kinetic, &lost_.potential, &lost_.dissipated,
+                     &lost_.damping, &lost_.work,      &lost_.scheme};
+  std::vector<double> lost;
+  for (const double* part : parts)
+    lost.push_back(*part);
+  visitor.visit("energy lost", Belongs::rank, lost, std::size(parts));
+  for (std::size_t i = 0; i < std::size(parts); ++i)
+    *parts[i] = lost[i];
+  {
+    const ReadArray v(v_.get());
+    const WriteArray u(u_.get());
+    std::copy_n(v.data(), local_, u.data());
+    std::vector<double> nu(contacts_.size(), 0.0);
+    const bool dual = u.size() > local_;
+    if (dual) std::copy_n(u.data() + local_, nu.size(), nu.begin());
+    visitor.visit("nu", Belongs::constraint, nu);
+    if (dual) std::copy(nu.begin(), nu.end(), u.data() + local_);
+  }
+  if (visitor.replaces()) set_x();
+}
+
 }  // namespace sweepvi

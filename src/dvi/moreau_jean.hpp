@@ -27,6 +27,7 @@ public:
   const std::vector<StepEvent>& events() const final { return contacts_.events; }
   double penetration() const final { return contacts_.penetration(comm_); }
   PetscInt active() const final { return contacts_.active(); }
+  void visit(StateVisitor& visitor) override;
 
 protected:
   /// @throws Error (bad_input) if theta is outside (0, 1]

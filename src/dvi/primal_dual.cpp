@@ -223,7 +223,8 @@ void PrimalDual::evaluate_g(double t, Vec g) {
 }
 
 void PrimalDual::find_increment(const Step& step) {
-  if (step.number > 1 && !system_.f.varies) return;
+  if (has_increment_ && !system_.f.varies) return;
+  has_increment_ = true;
   check(VecSet(phi_.get(), 0.0));
   system_.f.add_to(phi_.get(), step.t_new, 0, step.h);
   evaluate_g(step.t_new, g_.get());
@@ -364,6 +365,23 @@ void PrimalDual::find_unit_outputs() {
   MPI_Allreduce(MPI_IN_PLACE, flags, 2, MPI_INT, MPI_LOR, comm());
   any_remote_ = flags[0] != 0;  // not after distribute()
   any_mixed_ = flags[1] != 0;
+}
+
+// Multipliers are where the next step starts from.
+void PrimalDual::visit(StateVisitor& visitor) {
+  visitor.visit("x", Belongs::state, x_.get());
+  levels_.visit(visitor);
+  const WriteArray u(u_.get());
+  const ReadArray x(x_.get());
+  std::copy_n(x.data(), local_x_, u.data());
+  double* nu = u.data() + local_x_;
+  levels_.visit_outputs(visitor, "nu", {nu, levels_.z.size()});
+  std::vector<double> above(levels_.constraints(), 0.0);
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+    above[upper_walls_[k]] = nu[upper_at(k)];
+  visitor.visit("nu above", Belongs::constraint, above);
+  for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+    nu[upper_at(k)] = above[upper_walls_[k]];
 }
 
 }  // namespace sweepvi

@@ -42,6 +42,7 @@ public:
   }  // outputs are held where they touch
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
+  void visit(StateVisitor& visitor) override;
 
   const std::vector<double>& z() const override { return has_outputs_ ? levels_.z : no_outputs_; }
 
@@ -81,6 +82,7 @@ private:
   std::vector<double> measure_per_nu_;    // local outputs
   std::vector<double> no_outputs_;
   PetscInt local_x_ = 0;
+  bool has_increment_ = false;  // constant forcing: found once
   Matrix K_, abs_K_;
   Matrix cross_;       // Z D off its unit diagonal, levels below r; empty: no cross coupling
   Matrix completion_;  // I + cross_

@@ -56,6 +56,7 @@ public:
   void accept(Vec u, Vec f) override;
   double penetration() const override { return 0.0; }  // x = |s|
   PetscInt active() const override;
+  void visit(StateVisitor& visitor) override;
   const TrackingState& tracked() const override { return tracked_; }
   const std::vector<StepEvent>& events() const override { return events_; }
 
@@ -223,6 +224,17 @@ void Tracking::accept(Vec vector, Vec) {
     tracked_.control_bound = step_.control_bound(u);
   });
   check(VecCopy(vector, u_.get()));
+}
+
+void Tracking::visit(StateVisitor& visitor) {
+  visitor.visit("states and signs", Belongs::state, u_.get());
+  std::vector<double> control = {tracked_.control, tracked_.control_bound};
+  visitor.visit("control", Belongs::rank, control, 2);
+  tracked_.control = control[0];
+  tracked_.control_bound = control[1];
+  if (!visitor.replaces()) return;
+  events_.clear();
+  if (mine()) publish(read(u_.get()));
 }
 
 void Tracking::publish(const Unknowns& u) {

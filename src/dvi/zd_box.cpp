@@ -260,6 +260,11 @@ void ZdBox::accept(Vec u, Vec f) {
   take(u, f, gains_);
 }
 
+void ZdBox::visit(StateVisitor& visitor) {
+  visitor.visit("x", Belongs::state, u_.get());
+  levels_.visit(visitor);
+}
+
 std::unique_ptr<ConstrainedDvi> make_zd_dvi(const ZdSystem& system, const TimeGrid& grid) {
   return std::make_unique<ZdBox>(system, grid);
 }

@@ -26,6 +26,7 @@ public:
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }  // kept within a step
   void accept(Vec u, Vec f) override;
+  void visit(StateVisitor& visitor) override;
   Vec x() const override { return u_.get(); }
 
 private:

@@ -526,4 +526,14 @@ std::unique_ptr<ImpactDvi> make_impact_dvi(const ImpactOscillators& oscillators,
   return std::make_unique<ZhuravlevIvanov>(oscillators, grid, options);
 }
 
+
+void ZhuravlevIvanov::visit(StateVisitor& visitor) {
+  visitor.visit("s, v and signs", Belongs::constraint, u_.get(), unknowns);
+  visitor.visit("dissipated", Belongs::rank, std::span<double>(&dissipated_, 1), 1);
+  if (!visitor.replaces()) return;
+  events_.clear();
+  ++version_;
+  show_state();
+}
+
 }  // namespace sweepvi

@@ -44,6 +44,7 @@ public:
   double kinetic() const override;
   double dissipated() const override { return dissipated_; }
   void set_physical(Vec x, Vec velocity) override;
+  void visit(StateVisitor& visitor) override;
 
 private:
   PetscInt count() const { return static_cast<PetscInt>(kappa_.size()); }

@@ -5,6 +5,7 @@
 
 #include "parallel/components.hpp"
 #include "sweepvi/petsc.hpp"
+#include "sweepvi/state_visitor.hpp"
 
 namespace sweepvi {
 
@@ -67,6 +68,9 @@ public:
   void row_terms(Vec x, Vec terms);
   /// Adds delta |G_i|^2 to the diagonal of the faces, for a matrix with the pattern of S.
   void regularise(Mat matrix) const;
+
+  /// The faces that the next solve starts from. @note Collective.
+  void visit(StateVisitor& visitor) { visitor.visit("active faces", Belongs::constraint, active_); }
 
 private:
   static constexpr double first_delta = 1e-8;
