@@ -21,10 +21,11 @@ public:
   /// Called after each accepted step, on every rank.
   using Observer = std::function<void(const Step&, const StepReport&)>;
 
+  /// @param done  steps that `problem` has already taken, in an earlier run say (Dvi::visit)
   /// @throws Error (bad_input) if the options database asks for another TS type or a SNES that solves no box
   /// VI
   /// @note Collective on the problem's communicator. `problem` must outlive the march.
-  TimeMarch(Dvi& problem, const TimeGrid& grid);
+  TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done = 0);
   ~TimeMarch();
   TimeMarch(const TimeMarch&) = delete;
   TimeMarch& operator=(const TimeMarch&) = delete;
@@ -34,9 +35,12 @@ public:
   /// Takes one step. If it is not certified, the state stays that of t_k. @note Collective.
   StepReport step();
 
-  /// Takes all remaining steps, or until one is not certified: then the last report is that step's. @note
-  /// Collective.
+  /// Takes all remaining steps, or until one is not certified (then the last report is that step's) or until
+  /// the observer calls `stop`. @note Collective.
   StepReport run();
+
+  /// Makes `run` end after the present step. @note Every rank calls it in the same step.
+  void stop();
 
   PetscInt steps_taken() const;
   const TimeGrid& grid() const;

@@ -73,7 +73,7 @@ struct TimeMarch::Impl {
   }
 };
 
-TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid)
+TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done)
     : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, nullptr}) {
   impl_->last.certified = true;                      // nothing has failed yet
   check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
@@ -82,7 +82,8 @@ TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid)
   check(TSSetType(ts, ts_type_name));
   ts->data = impl_.get();
   check(TSSetSolution(ts, problem.state()));
-  check(TSSetTime(ts, grid.start));
+  check(TSSetTime(ts, grid.time(done)));
+  check(TSSetStepNumber(ts, done));
   check(TSSetTimeStep(ts, grid.h()));
   check(TSSetMaxSteps(ts, grid.steps));
   check(TSSetMaxTime(ts, PETSC_MAX_REAL));
@@ -118,6 +119,10 @@ StepReport TimeMarch::step() {
 StepReport TimeMarch::run() {
   check(TSSolve(impl_->ts.get(), nullptr), impl_->parked);
   return impl_->last;
+}
+
+void TimeMarch::stop() {
+  check(TSSetConvergedReason(impl_->ts.get(), TS_CONVERGED_USER));
 }
 
 PetscInt TimeMarch::steps_taken() const {

@@ -526,7 +526,6 @@ std::unique_ptr<ImpactDvi> make_impact_dvi(const ImpactOscillators& oscillators,
   return std::make_unique<ZhuravlevIvanov>(oscillators, grid, options);
 }
 
-
 void ZhuravlevIvanov::visit(StateVisitor& visitor) {
   visitor.visit("s, v and signs", Belongs::constraint, u_.get(), unknowns);
   visitor.visit("dissipated", Belongs::rank, std::span<double>(&dissipated_, 1), 1);
