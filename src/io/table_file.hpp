@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "io/hdf5_handle.hpp"
+#include "io/table_mark.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -53,6 +54,8 @@ struct TableOptions {
   bool events = false;                              ///< make `/events`?
   std::string impulse_units = "N s";                ///< units of Event::impulse
   std::size_t buffer_bytes = std::size_t{4} << 20;  ///< rows held per rank before they are written [B]
+  /// Where the rows go until finish(), in the folder of the final file; empty: `path.partial`.
+  std::string partial = {};
 };
 
 /// An HDF5 file of rows growing in time, written by all ranks together.
@@ -122,8 +125,20 @@ public:
   void list(const std::string& name, std::span<const std::int64_t> values, const std::string& units,
             const std::string& description);
 
+  /// A dataset of bytes, such as `/checkpoint`; replaces one of the same name. Rank 0's bytes are stored.
+  void embed(const std::string& name, std::span<const std::byte> bytes);
+
   /// Writes what is buffered and makes the partial file readable as it stands.
   void flush();
+  /// Writes what is buffered, waits until the disk has it, and says where it is: all rows and events up to
+  /// now can be read by RowSource from then on, even if the program is killed in the middle of later writes,
+  /// of finish() or of anything else. Rank 0's mark is complete. It names the partial file; after finish()
+  /// the same bytes are in file name().
+  TableMark mark();
+  /// Gives the partial file its usual name, `path.partial`, in place of TableOptions::partial.
+  void rename_partial();
+  /// Name, without folder, that finish() gives to the file.
+  std::string name() const;
   /// Writes what is buffered, closes the file and gives it its name.
   void finish();
   /// Closes and removes the partial file.
