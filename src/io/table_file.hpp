@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "io/hdf5_handle.hpp"
+#include "io/posix_file.hpp"
 #include "io/table_mark.hpp"
 #include "sweepvi/error.hpp"
 
@@ -106,6 +107,8 @@ public:
   void commit_row();
   /// Rows committed so far, written or not.
   hsize_t rows() const { return written_ + buffered_; }
+  const std::vector<FieldSpec>& fields() const { return fields_; }
+  bool has_events() const { return options_.events; }
 
   /// Notes an event; any rank, not collective. Sorted by (t, constraint, level) among the events since the
   /// last write; so the whole list is in order if an event is added before the row that ends its step.
@@ -125,7 +128,7 @@ public:
   void list(const std::string& name, std::span<const std::int64_t> values, const std::string& units,
             const std::string& description);
 
-  /// A dataset of bytes, such as `/checkpoint`; replaces one of the same name. Rank 0's bytes are stored.
+  /// A dataset of bytes, such as `/checkpoint`. Rank 0's bytes are stored.
   void embed(const std::string& name, std::span<const std::byte> bytes);
 
   /// Writes what is buffered and makes the partial file readable as it stands.
@@ -150,14 +153,17 @@ public:
   static bool damaged() { return damaged_; }
 
 private:
-  static constexpr hsize_t events_per_chunk = 4096;  // 128 KiB
-
-  /// A field's dataset and the rows waiting for it.
-  struct Column {
+  /// A dataset that grows, and how it lies in the file.
+  struct Stored {
     Hdf5Dataset dataset;
-    hsize_t slab_rows = 1;          // rows of a slab: the chunks that lie side by side
-    std::uint64_t slab_bytes = 0;   // their size
-    std::uint64_t slab_chunks = 0;  // their number
+    std::vector<hsize_t> chunk = {1};      // shape of a chunk; those side by side are a slab
+    std::uint64_t slab_chunks = 0;         // their number
+    std::uint64_t slab_bytes = 0;          // their size
+    std::uint64_t checksum = 0;            // of what this rank has written
+    std::vector<std::uint64_t> addresses;  // of the chunks, as far as mark() has asked; rank 0
+  };
+  /// A field's dataset and the rows waiting for it.
+  struct Column : Stored {
     std::size_t slice = 0;          // entries of one row on this rank
     std::size_t row_bytes = 0;      // of one row on this rank
     std::vector<std::byte> buffer;  // capacity_ rows
@@ -173,7 +179,10 @@ private:
 
   void check_fields() const;
   void check_path() const;
-  void probe() const;
+  void probe();
+  bool is_ours() const;
+  [[noreturn]] void refuse_stranger() const;
+  void rename_to(const std::string& name) const;
   void make_buffers();
   void reserve(hsize_t events) const;
   void trim() const;
@@ -184,6 +193,11 @@ private:
   void extend(hsize_t rows, hsize_t events);
   void write_rows();
   void write_column(std::size_t field);
+  void add_checksums(std::size_t field);
+  TableMark::Field locate(Stored& stored, const std::string& name, std::uint64_t entry,
+                          const std::vector<hsize_t>& shape) const;
+  void put_list(const std::string& name, hid_t type, std::size_t entry, hsize_t size, const void* values,
+                const std::string& units, const std::string& description);
   hsize_t gather_events();
   void write_events(hsize_t total);
   herr_t close() noexcept;
@@ -218,10 +232,11 @@ private:
   std::vector<Event> all_events_;  // of all ranks, sorted; rank 0, during a write
   inline static bool damaged_ = false;
   bool file_damaged_ = false;
-  Hdf5File file_;  // before the datasets, so that it is closed after them
+  PosixFile descriptor_;  // the partial file; rank 0
+  Hdf5File file_;         // before the datasets, so that it is closed after them
   Hdf5Properties transfer_;
   Hdf5Type event_type_;
-  Hdf5Dataset event_dataset_;
+  Stored event_list_;
   std::vector<Column> columns_;
 };
 

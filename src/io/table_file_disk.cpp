@@ -2,6 +2,7 @@
 // table_file.cpp.
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
 
@@ -36,13 +37,10 @@ std::string in_mebibytes(double bytes) {
   return text;
 }
 
-/// Makes what was written to path survive a power cut. Not every file system can; then it is as safe as it
-/// gets.
-void synchronise(const fs::path& path, int flags) {
-  const int file = ::open(path.c_str(), flags);
-  if (file < 0) return;
-  fsync(file);
-  ::close(file);
+/// Makes a new name survive a power cut. Not every file system can; then it is as safe as it gets.
+void synchronise(const fs::path& folder) {
+  const PosixFile file(folder, O_RDONLY | O_DIRECTORY);
+  if (file) fsync(file.get());
 }
 
 }  // namespace
@@ -51,7 +49,7 @@ TableFile::TableFile(MPI_Comm comm, std::string path, std::vector<FieldSpec> fie
                      const TableOptions& options)
     : comm_(comm),
       path_(std::move(path)),
-      partial_(path_ + ".partial"),
+      partial_(options.partial.empty() ? path_ + ".partial" : options.partial),
       fields_(std::move(fields)),
       options_(options),
       columns_(fields_.size()) {
@@ -107,19 +105,35 @@ void TableFile::check_path() const {
 }
 
 // MPI-IO and HDF5 say little about why a file cannot be made, and cannot even close one for which there is no
-// room.
-void TableFile::probe() const {
-  const int file = ::open(partial_.c_str(), O_CREAT | O_WRONLY, 0666);
-  if (file < 0)
-    refuse("cannot write " + partial_ + ": " + std::strerror(errno) + "; check the permissions of folder " +
-           folder_of(path_).string() + ", or choose another (-o)");
-  ::close(file);
+// room. A file that an interrupted run left is removed and not emptied: somebody may be reading it.
+void TableFile::probe() {
+  std::error_code error;
+  if (!fs::is_directory(partial_, error)) fs::remove(partial_, error);
+  descriptor_ = PosixFile(partial_, O_CREAT | O_RDWR);
+  if (error || !descriptor_)
+    refuse("cannot write " + partial_ + ": " + (error ? error.message() : std::strerror(errno)) +
+           "; check the permissions of folder " + folder_of(path_).string() + ", or choose another (-o)");
   try {
     reserve(0);
   } catch (const Error&) {
     fs::remove(partial_);
     throw;
   }
+  synchronise(folder_of(partial_));
+}
+
+/// Does the name of the partial file still mean the file that we write?
+bool TableFile::is_ours() const {
+  struct stat named {
+  }, ours{};
+  return descriptor_ && stat(partial_.c_str(), &named) == 0 && fstat(descriptor_.get(), &ours) == 0 &&
+         named.st_dev == ours.st_dev && named.st_ino == ours.st_ino;
+}
+
+void TableFile::refuse_stranger() const {
+  refuse("the rows that were written to " + partial_ +
+         " are lost: somebody has removed, renamed or replaced that file while the run was going on, perhaps "
+         "another run with the same output; run again, and give each run a name of its own (-o)");
 }
 
 // HDF5 notices a full disk only in the middle of a write, and is then beyond repair. So before it writes the
@@ -127,25 +141,21 @@ void TableFile::probe() const {
 // the file.
 void TableFile::reserve(hsize_t events) const {
   std::uint64_t held = lists_bytes_, end = lists_bytes_, chunks = 0;
-  const auto count = [&](std::uint64_t now, std::uint64_t later, std::uint64_t slab_rows,
-                         std::uint64_t slab_bytes) {
-    held += (now + slab_rows - 1) / slab_rows * slab_bytes;
-    const std::uint64_t slabs = (later + slab_rows - 1) / slab_rows;
-    end += slabs * slab_bytes;
-    return slabs;
+  const auto count = [&](const Stored& stored, std::uint64_t now, std::uint64_t more) {
+    const auto slabs = [&](std::uint64_t rows) { return (rows + stored.chunk[0] - 1) / stored.chunk[0]; };
+    held += slabs(now) * stored.slab_bytes;
+    end += slabs(now + more) * stored.slab_bytes;
+    chunks += slabs(now + more) * stored.slab_chunks;
   };
   for (const Column& column : columns_)
-    chunks += column.slab_chunks * count(written_, written_ + buffered_, column.slab_rows, column.slab_bytes);
-  chunks +=
-      count(events_written_, events_written_ + events, events_per_chunk, events_per_chunk * sizeof(Event));
+    count(column, written_, buffered_);
+  if (options_.events) count(event_list_, events_written_, events);
   held -= lists_bytes_;  // the newest list may not be there yet
   end += 128 * chunks + 2 * text_bytes_ + (std::uint64_t{1} << 20);
 
   const std::uint64_t more = end - held;  // the file is at least `held` long already
-  const int file = ::open(partial_.c_str(), O_WRONLY);
-  const int code = file < 0 ? errno : fallocate(file, 0, off_t(held), off_t(more)) == 0 ? 0 : errno;
-  if (file >= 0) ::close(file);
-  if (code == 0) return;
+  if (fallocate(descriptor_.get(), 0, off_t(held), off_t(more)) == 0) return;
+  const int code = errno;
   std::string why = std::strerror(code);
   if (code != ENOSPC && code != EDQUOT && code != EFBIG) {
     // This file system cannot reserve: be content if there is enough now.
@@ -159,10 +169,16 @@ void TableFile::reserve(hsize_t events) const {
          "; make room, or write elsewhere (-o)");
 }
 
-/// Opened and closed by one process, HDF5 cuts off what was reserved and not used.
+/// Cuts off what was reserved and not used: only reads what HDF5 says, and leaves every byte as it is. Without
+/// success the file is longer than it needs to be, and as good.
 void TableFile::trim() const {
   const QuietHdf5 quiet;
-  const Hdf5File file(H5Fopen(partial_.c_str(), H5F_ACC_RDWR, H5P_DEFAULT));
+  const Hdf5Properties access(H5Pcreate(H5P_FILE_ACCESS));
+  H5Pset_file_locking(access.get(), false, true);  // somebody else may have locked it
+  const Hdf5File file(H5Fopen(partial_.c_str(), H5F_ACC_RDONLY, access.get()));
+  haddr_t end = 0;
+  if (!file || H5Fget_eoa(file.get(), &end) < 0) return;
+  [[maybe_unused]] const int ignored = ftruncate(descriptor_.get(), off_t(end));
 }
 
 void TableFile::make_buffers() {
@@ -207,12 +223,12 @@ herr_t TableFile::close() noexcept {
   if (file_damaged_) {  // HDF5 would try to write on, on some ranks or others
     for (Column& column : columns_)
       column.dataset.release();
-    event_dataset_.release();
+    event_list_.dataset.release();
     file_.release();
   }
   for (Column& column : columns_)
     column.dataset.close();
-  event_dataset_.close();
+  event_list_.dataset.close();
   return file_.close();
 }
 
@@ -222,20 +238,39 @@ void TableFile::finish() {
   agreed(comm_, [&] {
     if (rank_ != 0) return;
     check_path();  // somebody else may have been quicker
-    std::error_code error;
+    if (!is_ours()) refuse_stranger();
     trim();
-    synchronise(partial_, O_RDONLY);
-    fs::rename(partial_, path_, error);
-    if (error)
-      refuse("cannot rename " + partial_ + " to " + path_ + ": " + error.message() + "; rename it by hand");
-    synchronise(folder_of(path_), O_RDONLY | O_DIRECTORY);
+    fsync(descriptor_.get());
+    rename_to(path_);
   });
+}
+
+void TableFile::rename_partial() {
+  const std::string usual = path_ + ".partial";
+  agreed(comm_, [&] {
+    if (rank_ != 0) return;
+    if (!is_ours()) refuse_stranger();
+    rename_to(usual);
+  });
+  partial_ = usual;
+}
+
+void TableFile::rename_to(const std::string& name) const {
+  std::error_code error;
+  fs::rename(partial_, name, error);
+  if (error)
+    refuse("cannot rename " + partial_ + " to " + name + ": " + error.message() + "; rename it by hand");
+  synchronise(folder_of(name));
+}
+
+std::string TableFile::name() const {
+  return fs::path(path_).filename().string();
 }
 
 void TableFile::discard() {
   close();
   std::error_code ignored;
-  if (rank_ == 0) fs::remove(partial_, ignored);
+  if (rank_ == 0 && is_ours()) fs::remove(partial_, ignored);
   MPI_Barrier(comm_);  // when we return it is gone for everyone
 }
 
