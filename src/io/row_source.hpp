@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "io/posix_file.hpp"
 #include "io/table_file.hpp"
 #include "io/table_mark.hpp"
 
@@ -24,9 +25,6 @@ public:
   /// @note Collective on comm, which must outlive the object.
   RowSource(MPI_Comm comm, const std::string& folder, TableMark mark,
             std::vector<std::string> otherwise = {});
-  ~RowSource();
-  RowSource(const RowSource&) = delete;
-  RowSource& operator=(const RowSource&) = delete;
 
   /// Appends all rows and events to `file`, which must have the same fields, then compares checksums. Needs
   /// memory for one row, or a MiB, of each field.
@@ -39,10 +37,13 @@ public:
   std::string path() const { return path_; }
 
 private:
+  void check_fields(const TableFile& file) const;
+  void compare(std::vector<std::uint64_t> sums) const;
+
   MPI_Comm comm_;
   TableMark mark_;
   std::string path_;
-  int file_ = -1;
+  PosixFile file_;
 };
 
 }  // namespace sweepvi
