@@ -1,6 +1,3 @@
-#include <sys/resource.h>
-
-#include <csignal>
 #include <fstream>
 
 #include "io/table_fixture.hpp"
@@ -79,26 +76,6 @@ TEST_F(TableFileTest, FieldsThatMakeNoSense) {
     if (rank() == 0) --fields[1].count;
   });
 }
-
-/// Lets no file of this process grow beyond `bytes` while in scope: a disk that is full, for one process.
-class FileSizeLimit {
-public:
-  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
-    getrlimit(RLIMIT_FSIZE, &before_);
-    const rlimit limited{bytes, before_.rlim_max};
-    setrlimit(RLIMIT_FSIZE, &limited);
-  }
-  ~FileSizeLimit() {
-    setrlimit(RLIMIT_FSIZE, &before_);
-    std::signal(SIGXFSZ, handler_);
-  }
-  FileSizeLimit(const FileSizeLimit&) = delete;
-  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
-
-private:
-  void (*handler_)(int);
-  rlimit before_{};
-};
 
 TEST_F(TableFileTest, AFullDiskIsEveryRanksErrorAndCostsNoRow) {
   // Rank 0 reserves the space; nobody gets to write what has no place.

@@ -23,21 +23,9 @@ TEST_F(TableFileTest, WhatWasWrittenIsRead) {
     EXPECT_FALSE(fs::exists(name + ".partial"));
     if (rank() != 0) continue;
 
-    const Hdf5File read(H5Fopen(name.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
+    const Hdf5File read = open_file(name);
     ASSERT_TRUE(read);
-    EXPECT_EQ(shape_of(read.get(), "/t"), (std::vector<hsize_t>{rows}));
-    EXPECT_EQ(shape_of(read.get(), "/x"), (std::vector<hsize_t>{rows, n}));
-    EXPECT_EQ(shape_of(read.get(), "/group/level"), (std::vector<hsize_t>{rows, n, 2}));
-    const auto t = content<double>(read.get(), "/t", H5T_NATIVE_DOUBLE);
-    const auto x = content<double>(read.get(), "/x", H5T_NATIVE_DOUBLE);
-    const auto level = content<std::int32_t>(read.get(), "/group/level", H5T_NATIVE_INT32);
-    for (hsize_t row = 0; row < rows; ++row) {
-      ASSERT_EQ(t[row], 0.5 * double(row));
-      for (hsize_t j = 0; j < n; ++j)
-        ASSERT_EQ(x[row * n + j], 1000.0 * double(row) + double(j));
-      for (hsize_t j = 0; j < 2 * n; ++j)
-        ASSERT_EQ(level[row * 2 * n + j], std::int32_t(10 * row + j));
-    }
+    expect_rows(read.get(), n, rows, rows);
   }
 }
 

@@ -4,8 +4,10 @@
 
 #include <gtest/gtest.h>
 #include <petscsys.h>
+#include <sys/resource.h>
 
 #include <algorithm>
+#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <string>
@@ -101,6 +103,27 @@ std::vector<T> content(hid_t file, const char* name, hid_t type) {
   return values;
 }
 
+/// The first `rows` rows are those of fill_row, and there are `in_all`.
+inline void expect_rows(hid_t file, hsize_t n, hsize_t rows, hsize_t in_all) {
+  ASSERT_EQ(shape_of(file, "/t"), (std::vector<hsize_t>{in_all}));
+  ASSERT_EQ(shape_of(file, "/x"), (std::vector<hsize_t>{in_all, n}));
+  ASSERT_EQ(shape_of(file, "/group/level"), (std::vector<hsize_t>{in_all, n, 2}));
+  const auto t = content<double>(file, "/t", H5T_NATIVE_DOUBLE);
+  const auto x = content<double>(file, "/x", H5T_NATIVE_DOUBLE);
+  const auto level = content<std::int32_t>(file, "/group/level", H5T_NATIVE_INT32);
+  for (hsize_t row = 0; row < rows; ++row) {
+    ASSERT_EQ(t[row], 0.5 * double(row));
+    for (hsize_t j = 0; j < n; ++j)
+      ASSERT_EQ(x[row * n + j], 1000.0 * double(row) + double(j));
+    for (hsize_t j = 0; j < 2 * n; ++j)
+      ASSERT_EQ(level[row * 2 * n + j], std::int32_t(10 * row + j));
+  }
+}
+
+inline Hdf5File open_file(const std::string& path) {
+  return Hdf5File(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
+}
+
 inline std::vector<std::string> texts(hid_t file, const char* object, const char* name) {
   const Hdf5Attribute attribute(H5Aopen_by_name(file, object, name, H5P_DEFAULT, H5P_DEFAULT));
   if (!attribute) return {"(no attribute)"};
@@ -112,6 +135,26 @@ inline std::vector<std::string> texts(hid_t file, const char* object, const char
   H5Dvlen_reclaim(type.get(), space.get(), H5P_DEFAULT, found.data());
   return result;
 }
+
+/// Lets no file of this process grow beyond `bytes` while in scope: a disk that is full, for one process.
+class FileSizeLimit {
+public:
+  explicit FileSizeLimit(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limited{bytes, before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &limited);
+  }
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+  FileSizeLimit(const FileSizeLimit&) = delete;
+  FileSizeLimit& operator=(const FileSizeLimit&) = delete;
+
+private:
+  void (*handler_)(int);
+  rlimit before_{};
+};
 
 /// The Error that `work` throws, or one with ExitCode::done.
 template <class Work>
