@@ -101,6 +101,13 @@ RowSource::RowSource(MPI_Comm comm, const std::string& folder, TableMark mark,
   });
 }
 
+std::string RowSource::partial_beside(const std::string& path) const {
+  namespace fs = std::filesystem;
+  const std::string usual = path + ".partial";
+  std::error_code missing;
+  return fs::equivalent(usual, path_, missing) ? path + ".restart" : usual;
+}
+
 void RowSource::check_fields(const TableFile& file) const {
   std::vector<TableMark::Field> now;
   for (const FieldSpec& field : file.fields())

@@ -35,6 +35,9 @@ public:
 
   /// The file that is read.
   std::string path() const { return path_; }
+  /// TableOptions::partial for a run that writes `path` and goes on from these rows: not the file that is
+  /// read, which is needed until the new rows are marked.
+  std::string partial_beside(const std::string& path) const;
 
 private:
   void check_fields(const TableFile& file) const;

@@ -124,8 +124,8 @@ void TableFile::probe() {
 
 /// Does the name of the partial file still mean the file that we write?
 bool TableFile::is_ours() const {
-  struct stat named {
-  }, ours{};
+  struct stat named {};
+  struct stat ours {};
   return descriptor_ && stat(partial_.c_str(), &named) == 0 && fstat(descriptor_.get(), &ours) == 0 &&
          named.st_dev == ours.st_dev && named.st_ino == ours.st_ino;
 }
@@ -154,8 +154,11 @@ void TableFile::reserve(hsize_t events) const {
   end += 128 * chunks + 2 * text_bytes_ + (std::uint64_t{1} << 20);
 
   const std::uint64_t more = end - held;  // the file is at least `held` long already
-  if (fallocate(descriptor_.get(), 0, off_t(held), off_t(more)) == 0) return;
-  const int code = errno;
+  int code = 0;
+  do {
+    code = fallocate(descriptor_.get(), 0, off_t(held), off_t(more)) == 0 ? 0 : errno;
+  } while (code == EINTR);
+  if (code == 0) return;
   std::string why = std::strerror(code);
   if (code != ENOSPC && code != EDQUOT && code != EFBIG) {
     // This file system cannot reserve: be content if there is enough now.
@@ -169,8 +172,8 @@ void TableFile::reserve(hsize_t events) const {
          "; make room, or write elsewhere (-o)");
 }
 
-/// Cuts off what was reserved and not used: only reads what HDF5 says, and leaves every byte as it is. Without
-/// success the file is longer than it needs to be, and as good.
+/// Cuts off what was reserved and not used: only reads what HDF5 says, and leaves every byte as it is.
+/// Without success the file is longer than it needs to be, and as good.
 void TableFile::trim() const {
   const QuietHdf5 quiet;
   const Hdf5Properties access(H5Pcreate(H5P_FILE_ACCESS));

@@ -163,7 +163,8 @@ TEST_F(RowSourceTest, ARunThatWentOnIsTheSameAsOneThatWasNotInterrupted) {
   RowSource source(world(), folder_, mark);
   EXPECT_EQ(source.path(), path("run.h5.partial"));
   TableOptions aside = options;
-  aside.partial = path("run.h5.restart");
+  aside.partial = source.partial_beside(path("run.h5"));
+  EXPECT_EQ(aside.partial, path("run.h5.restart"));
   TableFile file(world(), path("run.h5"), fields, aside);
   source.copy_into(file);
   TableMark copied = file.mark();
@@ -174,6 +175,8 @@ TEST_F(RowSourceTest, ARunThatWentOnIsTheSameAsOneThatWasNotInterrupted) {
       EXPECT_EQ(copied.fields[i].checksum, mark.fields[i].checksum);
     EXPECT_TRUE(fs::exists(path("run.h5.partial")));
   }
+  // Who is killed here goes on from the new rows, which must not be overwritten either.
+  EXPECT_EQ(RowSource(world(), folder_, copied).partial_beside(path("run.h5")), path("run.h5.partial"));
   MPI_Barrier(world());
   file.rename_partial();
   EXPECT_FALSE(fs::exists(path("run.h5.restart")));
