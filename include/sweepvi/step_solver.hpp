@@ -98,7 +98,6 @@ private:
   static PetscErrorCode converged(SNES, PetscInt, PetscReal, PetscReal, PetscReal, SNESConvergedReason*,
                                   void*);
   void configure(SNES snes, const char* type);
-  void check_factorization(PC pc) const;
   static void lift_step_limit(SNES snes);
   SNES other_snes();
   void choose_scale();

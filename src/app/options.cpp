@@ -12,10 +12,6 @@ namespace sweepvi::app {
 
 namespace {
 
-// Our defaults for objects that read the database only. MUMPS: quasi-dense AMD orders chains several times
-// faster than METIS, and the reduced-space solver has every new active set analysed again.
-constexpr std::array<std::pair<const char*, const char*>, 1> defaults = {{{"-mat_mumps_icntl_7", "6"}}};
-
 // What people mostly type: a hint needs a list, and PETSc has none.
 constexpr std::array known = {"-snes_type",
                               "-snes_monitor",
@@ -70,8 +66,6 @@ void insert_scene_options(const CommandLine& line, const std::string& options, b
                      "\"-snes_monitor\"");
   char* saved = nullptr;  // rc file, PETSC_OPTIONS, command line
   check(PetscOptionsGetAll(nullptr, &saved));
-  for (const auto& [name, value] : defaults)
-    check(PetscOptionsSetValue(nullptr, name, value));
   if (!from_set) check_options(PetscOptionsInsertString(nullptr, options.c_str()));
   check(PetscOptionsInsertString(nullptr, saved));
   check(PetscFree(saved));
@@ -89,12 +83,8 @@ std::vector<std::string> report_unused_options(MPI_Comm comm) {
   std::vector<std::string> unused;
   for (PetscInt i = 0; i < count; ++i) {
     const std::string name = std::string("-") + names[i];
-    const std::string value = values[i] != nullptr ? values[i] : "";
-    const bool ours = std::any_of(defaults.begin(), defaults.end(), [&](const auto& entry) {
-      return name == entry.first && value == entry.second;
-    });
     const bool about_options = name == "-options_left" || name == "-help";
-    if (!ours && !about_options) unused.push_back(name);
+    if (!about_options) unused.push_back(name);
   }
   check(PetscOptionsLeftRestore(nullptr, &count, &names, &values));
   int rank = 0;

@@ -9,11 +9,11 @@
 
 namespace sweepvi::app {
 
-/// Puts a scene's own PETSc options into the database at their rank: above our defaults, below the rc file,
-/// PETSC_OPTIONS and the command line (`--set petsc.options` stands between the last two).
+/// Puts a scene's own PETSc options into the database at their rank: below the rc file, PETSC_OPTIONS and
+/// the command line (`--set petsc.options` stands between the last two).
 void insert_scene_options(const CommandLine& line, const std::string& options, bool from_set);
 
-/// Options of the database that nobody read, ours excluded; reported on standard error by rank 0, with the
+/// Options of the database that nobody read; reported on standard error by rank 0, with the
 /// nearest known name.
 std::vector<std::string> report_unused_options(MPI_Comm comm);
 

@@ -4,8 +4,15 @@
 
 namespace sweepvi {
 
-/// Our default for linear systems, before the options database: one LU solve by MUMPS.
+/// Our default for linear systems, before the options database: one LU solve by MUMPS, on several ranks by
+/// the PC type "gathered" (petsc/gathered_lu.hpp), because parallel MUMPS gives other bits in every run. With
+/// -pc_type lu the default package is MUMPS, too. Puts MUMPS's settings (see the source) into the options
+/// database unless they are there.
 void default_to_mumps(KSP ksp);
+
+/// @throws Error (bad_input) if the package chosen for an LU cannot factor `matrix`: it would only show in
+/// the first step @note Collective.
+void check_factorization(PC pc, Mat matrix);
 
 /// After a failed solve: empties the solver, because MUMPS's factor object does not recover (PETSc 3.18:
 /// INFOG(1) = -3 at the next solve). Operators must be set again.

@@ -117,28 +117,12 @@ void StepSolver::configure(SNES snes, const char* type) {
   check(SNESSetErrorIfNotConverged(snes, PETSC_FALSE));  // a step without solution is a result
   check(KSPSetErrorIfNotConverged(ksp, PETSC_FALSE));
   check(KSPGetPC(ksp, &pc));
-  check_factorization(pc);
+  check_factorization(pc, jacobian_.get());
   lift_step_limit(snes);
   check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
   check(SNESSetJacobian(snes, jacobian_.get(), jacobian_.get(), form_jacobian, this));
   check(SNESSetConvergenceTest(snes, converged, this, nullptr));
   check(SNESVISetVariableBounds(snes, snes_lower_.get(), snes_upper_.get()));
-}
-
-// An LU or Cholesky by a package that cannot do it would only show in the first step.
-void StepSolver::check_factorization(PC pc) const {
-  PCType type = nullptr;
-  check(PCGetType(pc, &type));
-  const bool lu = type != nullptr && std::string(type) == PCLU;
-  if (!lu) return;
-  MatSolverType package = nullptr;
-  check(PCFactorGetMatSolverType(pc, &package));
-  PetscBool available = PETSC_TRUE;
-  if (package != nullptr) check(MatGetFactorAvailable(jacobian_.get(), package, MAT_FACTOR_LU, &available));
-  if (available == PETSC_FALSE)
-    throw InputError(
-        std::string("-pc_factor_mat_solver_type ") + package +
-        " cannot factor this matrix: PETSc has no such package, or it is a serial one; use mumps");
 }
 
 // The line search must not cut steps by their absolute length, as PETSc's default of 1e8 does.
