@@ -92,12 +92,13 @@ namespace {
 // and go.
 bool enlarge_workspace() {
   constexpr const char* name = "-mat_mumps_icntl_14";
+  constexpr PetscInt least = 20;  // MUMPS's own
   constexpr PetscInt largest = 5000;
-  PetscInt percent = 20;  // MUMPS's own
+  PetscInt percent = least;
   PetscBool given = PETSC_FALSE;
   check(PetscOptionsGetInt(nullptr, nullptr, name, &percent, &given));
   if (percent >= largest) return false;
-  set_quietly(name, std::to_string(5 * percent));
+  set_quietly(name, std::to_string(std::max(5 * percent, least)));
   return true;
 }
 
