@@ -175,7 +175,7 @@ void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
     }
   }
   if (options_.resample) start_from(x_.get(), velocity_.get());
-  if (!steady()) ++version_;
+  ++version_;  // columns of signs that stand on a bound change with the state
   looked_at_ = Point{};
   check(VecCopy(u_.get(), guess));
   find_accelerations(guess);

@@ -49,7 +49,6 @@ public:
 private:
   PetscInt count() const { return static_cast<PetscInt>(kappa_.size()); }
   void check_options_and_start() const;
-  bool steady() const { return oscillators_.linear() && options_.gamma == 1.0; }
   void differentiate();
   void find_accelerations(Vec u);
   void find_force_terms();
