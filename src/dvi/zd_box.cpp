@@ -133,9 +133,13 @@ void ZdBox::make_linearisation() {
   pattern_ = newton_matrix(A.get());
 }
 
-void ZdBox::update_jumps(Matrix A) {
+void ZdBox::forget_jumps() {
   inverse_jumps_ = Matrix{};
   abs_inverse_ = Matrix{};
+}
+
+void ZdBox::update_jumps(Matrix A) {
+  forget_jumps();
   linearised_.A = std::move(A);
   const RelativeDegree degree = analyse_relative_degree(linearised_);
   const OutputCoordinates coordinates(linearised_, degree);
@@ -165,13 +169,18 @@ void ZdBox::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   begin_levels(lower, upper);
   Matrix A = companion(derivative_.evaluate(t_new_, u_.get()));
   abs_A_ = absolute_copy(A.get());
-  if (coupled_ && may_impact()) update_jumps(std::move(A));
+  if (coupled_) {
+    if (may_impact())
+      update_jumps(std::move(A));
+    else
+      forget_jumps();
+  }
   check(VecCopy(u_.get(), guess));
 }
 
 // Whether a measure below level r can come up in this step: some z_1 is so near its bound that the higher
 // levels could take it there, with room to spare. Elsewhere, and in resting contact, only level r acts; it
-// jumps nothing but its own output, and any J will do.
+// jumps nothing but its own output, and any J will do: the identity, which remembers no earlier step.
 bool ZdBox::may_impact() const {
   constexpr double room = 4.0;
   int near = 0;

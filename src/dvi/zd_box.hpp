@@ -36,6 +36,7 @@ private:
   void make_linearisation();
   Matrix companion(Mat user) const;
   bool may_impact() const;
+  void forget_jumps();
   void update_jumps(Matrix A);
   Matrix newton_matrix(Mat A) const;
   void find_rates(Vec u, Vec rates);
