@@ -316,7 +316,8 @@ PetscInt StepSolver::attempt_snes(bool other_type, bool cold, std::string& reaso
   if (outcome == SNES_DIVERGED_LINEAR_SOLVE) {
     KSP ksp = nullptr;
     check(SNESGetKSP(snes, &ksp));
-    if (recover(ksp)) return iterations + attempt_snes(other_type, cold, reason);
+    // Iterations made before that do not count: another run, which has the workspace already, has none.
+    if (recover(ksp)) return attempt_snes(other_type, cold, reason);
   }
   return iterations;
 }
