@@ -9,6 +9,7 @@
 
 namespace sweepvi {
 
+class Certificate;
 class OuterLinearisation;
 class Predictor;
 
@@ -37,32 +38,43 @@ struct SolverOptions {
   Linearisation linearisation = Linearisation::inner;  ///< -sweepvi_linearisation inner | outer
 };
 
+/// The attempts at a step, in the order in which they are made: the ladder.
+enum class Rung : int {
+  predictor,              ///< SNES accepts the predictor's guess as it is
+  chosen,                 ///< the chosen SNESVI type from the step's guess
+  other_type,             ///< the other type from there
+  cold_start,             ///< the chosen type from the projection of zero
+  other_type_cold_start,  ///< the other type from there
+  pivoting,               ///< small problems: outer linearisation, whose affine VIs Lemke's method solves
+  pivoting_cold_start,    ///< the same from the projection of zero
+  enumeration,  ///< very small ones: its affine VIs by other starts of Lemke's method, then by trying
+                ///< for each unknown whether it is at a bound
+  smaller_step  ///< several smaller steps in place of one
+};
+
 /// What came of a step.
 struct StepReport {
   bool certified = false;
-  double residual = 0.0;    ///< worst ratio |u - mid(l, b, u - F)|_i / terms_i of the point found
-  PetscInt iterations = 0;  ///< Newton iterations, all attempts
-  bool predicted = false;   ///< SNES accepted the predictor's guess as it was
-  int rung = 0;             ///< attempt that succeeded, from 0; see StepSolver::rung_names
-  int attempts = 0;         ///< made in all
-  std::string reason;       ///< the solver's own word on the last attempt
-  std::string obstacle;     ///< why there is no solution, where that is proved: no attempt was made then
+  double residual = 0.0;       ///< worst ratio of the point found, see StepSolver
+  PetscInt iterations = 0;     ///< Newton iterations, all attempts
+  bool predicted = false;      ///< SNES accepted the predictor's guess as it was
+  Rung rung = Rung::chosen;    ///< attempt that succeeded
+  int attempts = 0;            ///< made in all
+  std::string reason;          ///< the solver's own word on the last attempt
+  std::string linear_failure;  ///< why linear systems could not be solved, and in how many attempts; or empty
+  std::string obstacle;        ///< why there is no solution, where that is proved: no attempt was made then
 };
 
 /// Solves the box VI of one step with SNESVI and certifies the result row by row:
 ///
 ///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for
-///     all i.
+///     all i
 ///
-/// A row without bounds whose unknowns all vanish in exact arithmetic consists of residue; only there, where
-/// it fails otherwise, a tenth of the terms of the unknowns it reads counts as its own.
-///
-/// SNES stops when the certificate is met at `target`, or stops improving below 1e-12; its own tolerances do
-/// not enter. A predictor guesses the solution first (src/vi/predictor.hpp), unless the process solved the
-/// step itself; where the guess is right, SNES accepts it at iteration 0. Attempts, in order (the ladder):
-/// the chosen SNESVI type from the step's guess, the other type from there, both from the projection of zero;
-/// where the problem is small (100 unknowns) outer linearisation, whose affine VIs Lemke's pivoting method
-/// solves, from the guess and from zero. With -sweepvi_linearisation outer that from the guess only. A
+/// (src/vi/certificate.hpp has the small print). SNES stops when the certificate is met at `target`, or stops
+/// improving below 1e-12; its own tolerances do not enter. A predictor guesses the solution first
+/// (src/vi/predictor.hpp), unless the process solved the step itself; where the guess is right, SNES accepts
+/// it at iteration 0. Where an attempt fails the next one is made, in the order of Rung; pivoting for up to
+/// OuterLinearisation::largest unknowns. With -sweepvi_linearisation outer only pivoting from the guess. A
 /// certified point that the process does not take (Dvi::admissible) is a failed attempt.
 class StepSolver {
 public:
@@ -87,10 +99,10 @@ public:
   SNES snes() const { return snes_; }
   const CertificateOptions& certificate() const { return certificate_; }
 
-  static constexpr std::array<const char*, 6> rung_names = {
-      "chosen", "other_type", "cold_start", "other_type_cold_start", "pivoting", "pivoting_cold_start"};
-  using Rungs = std::array<std::int64_t, rung_names.size()>;
-  const Rungs& rungs() const { return rungs_; }  ///< certified steps per rung
+  static constexpr std::array<const char*, 9> rung_names = {
+      "predictor",           "chosen",      "other_type",  "cold_start", "other_type_cold_start", "pivoting",
+      "pivoting_cold_start", "enumeration", "smaller_step"};  ///< by Rung
+  using Rungs = std::array<std::int64_t, rung_names.size()>;  ///< steps certified by each
 
 private:
   static PetscErrorCode form_function(SNES, Vec, Vec, void*);
@@ -105,12 +117,12 @@ private:
   bool predict();
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
-  void add_spread();
-  double ratio_against(Vec u, Vec terms);
-  PetscInt attempt(int rung, std::string& reason);
-  PetscInt attempt_snes(bool other_type, bool cold, std::string& reason);
-  PetscInt attempt_pivoting(bool cold, std::string& reason);
+  std::vector<Rung> ladder();
+  PetscInt attempt(Rung rung, std::string& reason);
+  PetscInt attempt_snes(Rung rung, std::string& reason);
+  PetscInt attempt_pivoting(Rung rung, std::string& reason);
   void start_from(bool cold);
+  std::string linear_failure() const;
 
   Dvi& problem_;
   SNES snes_;
@@ -120,13 +132,15 @@ private:
   PredictorOptions predictor_options_;
   SolverOptions solver_options_;
   Matrix jacobian_;
+  std::unique_ptr<Certificate> judge_;
   std::unique_ptr<Predictor> predictor_;
-  std::unique_ptr<OuterLinearisation> pivoting_;
-  Vector u_, f_, lower_, upper_, guess_, terms_, spread_, settled_;
+  std::unique_ptr<OuterLinearisation> pivoting_;  // from the first step that needs it
+  Vector u_, f_, lower_, upper_, guess_, settled_;
   double sigma_ = 1.0;  // SNES works on sigma u and sigma F
-  Vector snes_f_, snes_lower_, snes_upper_, unscaled_;
+  Vector snes_f_, snes_lower_, snes_upper_, unscaled_, terms_;
   double previous_ratio_ = 0.0;
-  Rungs rungs_{};
+  int failed_solves_ = 0;  // attempts of this step that ended in a linear system
+  PCFailedReason failure_ = PC_NOERROR;
   std::exception_ptr parked_;
 };
 

@@ -7,7 +7,7 @@
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
 #include "dvi/affine_vi.hpp"
-#include "io/table_file.hpp"
+#include "io/rungs_field.hpp"
 #include "model/from_scene.hpp"
 #include "petsc/sparse.hpp"
 
@@ -25,7 +25,7 @@ std::vector<double> petsc_bounds(std::vector<double> bounds) {
 }
 
 void record(MPI_Comm comm, const std::string& path, bool overwrite, const Problem& problem,
-            const std::string& status, const std::string& started, Vec u, Vec f) {
+            const std::string& started, const StepReport& report, Vec u, Vec f) {
   PetscInt size = 0;
   PetscInt first = 0;
   PetscInt last = 0;
@@ -44,16 +44,23 @@ void record(MPI_Comm comm, const std::string& path, bool overwrite, const Proble
   TableFile file(comm, path,
                  {{"/t", FieldSpec::Type::real, {}, 0, 0, "s", "no time: one problem", {}},
                   field("/solution", "u"),
-                  field("/F", "M u + q at the solution")},
+                  field("/F", "M u + q at the solution"),
+                  {"/solver/iterations", FieldSpec::Type::integer, {}, 0, 0, "1", "Newton iterations", {}},
+                  {"/solver/residual", FieldSpec::Type::real, {}, 0, 0, "1", "worst certificate ratio", {}},
+                  rungs_field(comm)},
                  {.expected_rows = 1, .overwrite = overwrite});
   file.real(0)[0] = 0.0;
   const ReadArray values(u);
   const ReadArray residual(f);
   std::copy_n(values.data(), values.size(), file.real(1));
   std::copy_n(residual.data(), residual.size(), file.real(2));
+  file.integer(3)[0] = static_cast<std::int32_t>(report.iterations);
+  file.real(4)[0] = report.residual;
+  for (std::size_t k = 0; k < file.slice_size(5); ++k)
+    file.integer(5)[k] = report.certified && k == static_cast<std::size_t>(report.rung) ? 1 : 0;
   file.commit_row();
   describe(file, comm, "", problem.text, {}, started);
-  file.attribute("status", status);
+  file.attribute("status", report.certified ? "done" : "failed");
   file.attribute("finished", timestamp());
   file.finish();
 }
@@ -101,8 +108,11 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   summary.predictor_hits = report.predicted ? 1 : 0;
   summary.max_residual = report.residual;
   summary.max_penetration = vi.penetration();
-  summary.rungs = solver.rungs();
-  record(comm, path, line.force, problem, summary.status, started, solver.solution(), solver.residual());
+  if (report.certified) ++summary.rungs[static_cast<std::size_t>(report.rung)];
+  const Vector forces = duplicate(solver.residual());
+  check(VecCopy(solver.residual(), forces.get()));
+  vi.unscale(forces.get());
+  record(comm, path, line.force, problem, started, report, solver.solution(), forces.get());
   summary.time_matmult(solver.jacobian());
   summary.unused_options = report_unused_options(comm);
   summary.seconds_total = MPI_Wtime() - begin;

@@ -8,9 +8,14 @@ namespace sweepvi {
 /// solve`.
 class AffineVi final : public Dvi {
 public:
-  /// Infinite bounds are PETSC_NINFINITY and PETSC_INFINITY; `u0` is where the solver starts.
+  /// Infinite bounds are PETSC_NINFINITY and PETSC_INFINITY; `u0` is where the solver starts. `terms` is the
+  /// size of the terms that each q_i was summed from: its residue is judged against those; |q| where it is
+  /// less, or where there are none given. Rows of extreme size (1e150, 1e-150) are scaled, by powers of two.
   /// @note Collective on M's communicator.
-  AffineVi(Matrix M, Vector q, Vector lower, Vector upper, Vector u0);
+  AffineVi(Matrix M, Vector q, Vector lower, Vector upper, Vector u0, Vector terms = {});
+
+  /// f = F(u) of a solver, as it comes from M and q without scaling.
+  void unscale(Vec f) const;
 
   MPI_Comm comm() const override { return PetscObjectComm(reinterpret_cast<PetscObject>(M_.get())); }
   Vec state() const override { return u_.get(); }
@@ -20,7 +25,8 @@ public:
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec, Mat jacobian) override { check(MatCopy(M_.get(), jacobian, SAME_NONZERO_PATTERN)); }
   std::uint64_t jacobian_version() const override { return 0; }  // constant
-  void settle(Vec u) override;                                   // into the box, exactly
+  /// Into the box; and onto a bound to which F pushes, from where no row sees the difference.
+  void settle(Vec u) override;
   void accept(Vec u, Vec) override { check(VecCopy(u, u_.get())); }
   void visit(StateVisitor& visitor) override { visitor.visit("u", Belongs::state, u_.get()); }
   double penetration() const override;
@@ -28,7 +34,7 @@ public:
 
 private:
   Matrix M_, abs_M_;
-  Vector q_, abs_q_, lower_, upper_, u_, work_;
+  Vector q_, abs_q_, lower_, upper_, u_, f_, terms_, scale_, work_;
 };
 
 }  // namespace sweepvi

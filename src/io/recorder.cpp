@@ -5,12 +5,14 @@
 #include <functional>
 #include <numeric>
 
+#include "io/rungs_field.hpp"
+
 namespace sweepvi {
 
 namespace {
 
 /// Fields that every run has, before those of its process.
-enum Field : std::size_t { t, iterations, seconds, residual, active, first_quantity };
+enum Field : std::size_t { t, iterations, seconds, residual, active, rungs, first_quantity };
 
 }  // namespace
 
@@ -45,7 +47,7 @@ std::vector<Recorder::Column> Recorder::make_columns(MPI_Comm comm, std::vector<
   return columns;
 }
 
-std::vector<FieldSpec> Recorder::fields(const std::vector<Column>& columns) {
+std::vector<FieldSpec> Recorder::fields(MPI_Comm comm, const std::vector<Column>& columns) {
   const auto real = FieldSpec::Type::real;
   const auto integer = FieldSpec::Type::integer;
   std::vector<FieldSpec> specs = {
@@ -53,7 +55,8 @@ std::vector<FieldSpec> Recorder::fields(const std::vector<Column>& columns) {
       {"/solver/iterations", integer, {}, 0, 0, "1", "Newton iterations since the last row"},
       {"/solver/seconds", real, {}, 0, 0, "s", "wall time of the steps since the last row"},
       {"/solver/residual", real, {}, 0, 0, "1", "worst certificate ratio since the last row"},
-      {"/solver/active", integer, {}, 0, 0, "1", "constraints in contact"}};
+      {"/solver/active", integer, {}, 0, 0, "1", "constraints in contact"},
+      rungs_field(comm)};
   for (const Column& column : columns)
     specs.push_back(column.field());
   return specs;
@@ -67,7 +70,7 @@ Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time
       every_(every),
       last_step_(time.steps),
       columns_(make_columns(comm_, std::move(recording_.quantities))),
-      file_(comm_, path, fields(columns_),
+      file_(comm_, path, fields(comm_, columns_),
             {.expected_rows = static_cast<hsize_t>(time.steps / every + 2),
              .overwrite = overwrite,
              .events = static_cast<bool>(recording_.events),
@@ -90,6 +93,7 @@ void Recorder::step(const Step& step, const StepReport& report, double seconds) 
   iterations_ += report.iterations;
   seconds_ += seconds;
   residual_ = std::max(residual_, report.residual);
+  ++rungs_[static_cast<std::size_t>(report.rung)];
   pending_ = step.t_new;
   if (step.number % every_ == 0 || step.number == last_step_) write_row(step.t_new);
 }
@@ -132,7 +136,10 @@ void Recorder::write_row(double time) {
   file_.real(Field::seconds)[0] = seconds_;
   file_.real(Field::residual)[0] = residual_;
   file_.integer(Field::active)[0] = static_cast<std::int32_t>(in_contact);
+  for (std::size_t k = 0; k < file_.slice_size(Field::rungs); ++k)
+    file_.integer(Field::rungs)[k] = static_cast<std::int32_t>(rungs_[k]);
   file_.commit_row();
+  rungs_.fill(0);
   iterations_ = seconds_ = residual_ = 0.0;
   pending_.reset();
 }

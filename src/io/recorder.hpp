@@ -39,7 +39,7 @@ private:
     FieldSpec field() const;
   };
   static std::vector<Column> make_columns(MPI_Comm comm, std::vector<Quantity> quantities);
-  static std::vector<FieldSpec> fields(const std::vector<Column>& columns);
+  static std::vector<FieldSpec> fields(MPI_Comm comm, const std::vector<Column>& columns);
   void write_row(double t);
   void write(std::size_t field, Column& column);
 
@@ -53,6 +53,7 @@ private:
 
   std::optional<double> pending_;  // time of a step not yet written
   double iterations_ = 0.0, seconds_ = 0.0, residual_ = 0.0;
+  StepSolver::Rungs rungs_{};
   std::vector<double> work_, part_;
 };
 

@@ -104,6 +104,14 @@ bool enlarge_workspace() {
 
 }  // namespace
 
+PCFailedReason failed_reason(KSP ksp) {
+  PC preconditioner = nullptr;
+  PCFailedReason reason = PC_NOERROR;
+  check(KSPGetPC(ksp, &preconditioner));
+  check(PCGetFailedReason(preconditioner, &reason));
+  return reason;
+}
+
 bool recover(KSP ksp) {
   PC preconditioner = nullptr;
   PCFailedReason reason = PC_NOERROR;

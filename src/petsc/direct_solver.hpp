@@ -13,6 +13,9 @@ void default_to_mumps(KSP ksp);
 /// @throws Error (bad_input) if the package chosen for an LU cannot factor `matrix`: it would only show in
 /// the first step @note Collective.
 void check_factorization(PC pc, Mat matrix);
+/// Why the preconditioner of a failed solve could not be built; PC_NOERROR if it could. To be asked before
+/// `recover`, the same on every rank. @note Collective.
+PCFailedReason failed_reason(KSP ksp);
 
 /// After a failed solve: empties the solver, because MUMPS's factor object does not recover (PETSc 3.18:
 /// INFOG(1) = -3 at the next solve). Operators must be set again.

@@ -17,21 +17,24 @@ struct AffineBox {
 /// What came of it.
 struct AffineBoxSolution {
   bool solved = false;
+  bool ray = false;  ///< not solved: Lemke's method ended in a secondary ray
   Eigen::VectorXd u;
   int pivots = 0;
 };
 
-/// Solves it by Lemke's method: unknowns without bounds are eliminated first, then the smallest artificial
-/// variable z_0 >= 0 that makes the starting point a solution is driven to zero, one complementary pivot at a
-/// time; lexicographic ratios, so that degenerate problems cannot cycle. Costs O(n^2) per pivot, usually O(n)
-/// pivots.
+/// Solves it by Lemke's method (src/vi/lemke.hpp), block by block where a numbering makes M block triangular.
+/// Unknowns without bounds are eliminated first, or, where their block is singular, written as differences.
+/// The bases found are solved again, by factorizations and refinement.
 ///
 /// Where all unknowns that are left have two bounds a solution is found whatever M is; with one-sided bounds
-/// where M is copositive-plus and a solution exists (semidefinite matrices), or P. Otherwise, and where the
-/// block of the unknowns without bounds is singular, the outcome may be `solved == false`.
-/// Sources: C. E. Lemke, Management Science 11 (1965) 681-689; for boxes M. Cao and M. C. Ferris, Math. Oper.
-/// Res. 21 (1996) 44-64; the lexicographic rule in R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear
-/// Complementarity Problem, 1992, section 4.9.
+/// where M is copositive-plus and a solution exists (semidefinite matrices), or P. Otherwise the outcome may
+/// be `solved == false`. Data that are not finite: not solved.
+/// Source: for boxes M. Cao and M. C. Ferris, Math. Oper. Res. 21 (1996) 44-64.
 AffineBoxSolution solve_affine_box(const AffineBox& problem);
+
+/// Tries harder, for very small problems of any matrix: Lemke's method from other starts (covering vectors),
+/// then, if there are at most 2^14 ways to say which unknowns are at which bound, each of them; a singular
+/// system among them as a linear least-squares problem in the box, which finds a solution if there is one.
+AffineBoxSolution search_affine_box(const AffineBox& problem);
 
 }  // namespace sweepvi

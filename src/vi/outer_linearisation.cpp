@@ -1,8 +1,9 @@
 #include "vi/outer_linearisation.hpp"
 
 #include <Eigen/Core>
+#include <array>
 #include <cmath>
-#include <limits>
+#include <utility>
 #include <vector>
 
 #include "parallel/gather.hpp"
@@ -25,22 +26,6 @@ Eigen::VectorXd on_root(MPI_Comm comm, Vec vector) {
 
 }  // namespace
 
-const char* name_of(OuterLinearisation::Outcome outcome) {
-  switch (outcome) {
-    case OuterLinearisation::Outcome::converged:
-      return "OUTER_CONVERGED";
-    case OuterLinearisation::Outcome::stagnated:
-      return "OUTER_STAGNATED";
-    case OuterLinearisation::Outcome::limit:
-      return "OUTER_ITERATION_LIMIT";
-    case OuterLinearisation::Outcome::no_affine_solution:
-      return "OUTER_NO_AFFINE_SOLUTION";
-    case OuterLinearisation::Outcome::overflow:
-      return "OUTER_OVERFLOW";
-  }
-  return "";
-}
-
 OuterLinearisation::OuterLinearisation(Dvi& problem)
     : problem_(problem), jacobian_(problem.create_jacobian()), f_(duplicate(problem.state())) {
   PetscInt size = 0;
@@ -51,8 +36,8 @@ OuterLinearisation::OuterLinearisation(Dvi& problem)
         std::to_string(largest) + " unknowns; this problem has " + std::to_string(size));
 }
 
-// u := the solution of the VI linearised at u. False if none was found; u is then as before.
-bool OuterLinearisation::advance(Vec u, Vec lower, Vec upper) {
+// u := the solution of the VI linearised at u. If none was found u is as before.
+OuterLinearisation::Affine OuterLinearisation::advance(Vec u, Vec lower, Vec upper, AffineMethod method) {
   MPI_Comm comm = problem_.comm();
   problem_.residual(u, f_.get());
   problem_.jacobian(u, jacobian_.get());
@@ -61,49 +46,60 @@ bool OuterLinearisation::advance(Vec u, Vec lower, Vec upper) {
   AffineBox affine{Eigen::MatrixXd::Zero(here.size(), here.size()), on_root(comm, f_.get()),
                    on_root(comm, lower), on_root(comm, upper)};
   std::vector<double> next;  // empty: none
-  if (here.size() > 0) {     // rank 0
+  std::array<int, 2> flags = {0, 0};
+  if (here.size() > 0) {  // rank 0
     for (const Triplet& entry : entries)
       affine.M(entry.row, entry.column) = entry.value;
     affine.q -= affine.M * here;
-    const AffineBoxSolution solution = solve_affine_box(affine);
+    const AffineBoxSolution solution =
+        method == AffineMethod::lemke ? solve_affine_box(affine) : search_affine_box(affine);
     if (solution.solved) next.assign(solution.u.begin(), solution.u.end());
+    flags = {solution.ray ? 1 : 0, affine.M == last_ ? 1 : 0};
+    last_ = std::move(affine.M);
   }
   broadcast(comm, next);
-  if (next.empty()) return false;
+  MPI_Bcast(flags.data(), 2, MPI_INT, 0, comm);
+  repeated_ = flags[1] != 0;
+  if (next.empty()) return flags[0] != 0 ? Affine::ray : Affine::none;
   PetscInt first = 0;
   check(VecGetOwnershipRange(u, &first, nullptr));
   const WriteArray values(u);
   for (PetscInt i = 0; i < values.size(); ++i)
     values[i] = next[static_cast<std::size_t>(first) + static_cast<std::size_t>(i)];
-  return true;
+  return Affine::solved;
 }
 
-OuterLinearisation::Result OuterLinearisation::iterate(Vec u, Vec lower, Vec upper, double target,
-                                                       double stagnation, const Ratio& ratio) {
+OuterLinearisation::Result OuterLinearisation::iterate(Vec u, Vec lower, Vec upper,
+                                                       const CertificateOptions& options, const Ratio& ratio,
+                                                       AffineMethod method) {
   Result result;
   double reached = ratio(u);
-  while (result.iterations < most_iterations) {
-    if (reached <= target) {
-      result.outcome = Outcome::converged;
+  while (reached > options.target) {
+    if (result.iterations == most_iterations) {
+      result.reason = "OUTER_ITERATION_LIMIT";
       return result;
     }
-    if (!advance(u, lower, upper)) {
-      result.outcome = Outcome::no_affine_solution;
+    const Affine outcome = advance(u, lower, upper, method);
+    if (outcome != Affine::solved) {
+      result.reason =
+          outcome == Affine::ray ? "no solution found: secondary ray" : "OUTER_NO_AFFINE_SOLUTION";
       return result;
     }
     ++result.iterations;
     const double previous = reached;
     reached = ratio(u);
     if (!std::isfinite(reached)) {
-      result.outcome = Outcome::overflow;
+      result.reason = "OUTER_OVERFLOW";
       return result;
     }
-    if (reached > target && reached <= stagnation && reached > 0.9 * previous) {
-      result.outcome = Outcome::stagnated;
+    const bool improved = reached <= 0.9 * previous;
+    if (reached > options.target && !improved &&
+        ((result.iterations > 1 && repeated_) || reached <= options.stagnation)) {
+      result.reason = "OUTER_STAGNATED";  // the matrix repeats: the same VI again and again
       return result;
     }
   }
-  result.outcome = reached <= target ? Outcome::converged : Outcome::limit;
+  result.reason = "OUTER_CONVERGED";
   return result;
 }
 

@@ -8,18 +8,13 @@
 
 #include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
+#include "vi/certificate.hpp"
 #include "vi/outer_linearisation.hpp"
 #include "vi/predictor.hpp"
 
 namespace sweepvi {
 
 namespace {
-
-// Rungs by number: methods in pairs, SNESVI of either type from the guess, then from zero; then pivoting
-// likewise.
-constexpr int first_cold_rung = 2;
-constexpr int pivoting_rung = 4;
-constexpr int last_rung = static_cast<int>(StepSolver::rung_names.size()) - 1;
 
 void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& predictor,
                   SolverOptions& solver) {
@@ -64,18 +59,15 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
   options.stagnation = std::min(options.stagnation, options.rtol);
 }
 
-double mid(double l, double b, double v) {
-  return std::min(std::max(v, l), b);
-}
-
 }  // namespace
 
 StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes) {
   read_options(problem.comm(), certificate_, predictor_options_, solver_options_);
   jacobian_ = problem.create_jacobian();
-  for (Vector* vector : {&u_, &f_, &snes_f_, &lower_, &upper_, &guess_, &terms_, &spread_, &settled_,
-                         &snes_lower_, &snes_upper_, &unscaled_})
+  for (Vector* vector : {&u_, &f_, &snes_f_, &lower_, &upper_, &guess_, &terms_, &settled_, &snes_lower_,
+                         &snes_upper_, &unscaled_})
     *vector = duplicate(problem.state());
+  judge_ = std::make_unique<Certificate>(problem, certificate_);
   for (Vector* bound : {&lower_, &snes_lower_})
     check(VecSet(bound->get(), PETSC_NINFINITY));
   for (Vector* bound : {&upper_, &snes_upper_})
@@ -92,10 +84,8 @@ StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes)
                      " does not solve box VIs; use vinewtonrsls or vinewtonssls");
   configure(snes_, chosen_type_.c_str());
   if (predictor_options_.active_set) predictor_ = std::make_unique<Predictor>(problem, jacobian_.get());
-  PetscInt size = 0;
-  check(VecGetSize(u_.get(), &size));
-  if (size <= OuterLinearisation::largest || solver_options_.linearisation == Linearisation::outer)
-    pivoting_ = std::make_unique<OuterLinearisation>(problem);
+  if (solver_options_.linearisation == Linearisation::outer)
+    pivoting_ = std::make_unique<OuterLinearisation>(problem);  // now, because it may refuse
 }
 
 StepSolver::~StepSolver() = default;
@@ -231,62 +221,25 @@ bool StepSolver::predict() {
 }
 
 double StepSolver::worst_ratio(Vec u) {
-  constexpr int rounds = 4;
-  constexpr int sweeps = 3;  // residue travels along that many unknowns before it is judged again
-  problem_.residual(u, f_.get());
-  problem_.row_terms(u, terms_.get());
-  double worst = ratio_against(u, terms_.get());
-  if (worst <= certificate_.target) return worst;
-  check(VecCopy(terms_.get(), spread_.get()));
-  for (int round = 0; round < rounds; ++round) {
-    for (int sweep = 0; sweep < sweeps; ++sweep)
-      if (!problem_.spread_terms(spread_.get())) return worst;
-    add_spread();
-    const double spread = ratio_against(u, terms_.get());
-    const bool better = spread < 0.5 * worst;
-    worst = std::min(worst, spread);
-    if (!better || worst <= certificate_.target) break;
-  }
-  return worst;
+  return judge_->worst_ratio(u, lower_.get(), upper_.get(), f_.get());
 }
 
-// Only where there are no bounds: what is left of an output that is held must not pass for an open one.
-void StepSolver::add_spread() {
-  constexpr double residue =
-      1e-12;  // own terms that much smaller than those it reads are no more than rounding
-  const ReadArray spread(spread_.get());
-  const ReadArray l(lower_.get());
-  const ReadArray b(upper_.get());
-  const WriteArray terms(terms_.get());
-  for (PetscInt i = 0; i < terms.size(); ++i) {
-    const bool bounded = l[i] > PETSC_NINFINITY || b[i] < PETSC_INFINITY;
-    if (!bounded && terms[i] < residue * spread[i]) terms[i] = 0.1 * spread[i];
+// The attempts open to this problem.
+std::vector<Rung> StepSolver::ladder() {
+  if (solver_options_.linearisation == Linearisation::outer) return {Rung::pivoting};
+  std::vector<Rung> rungs = {Rung::chosen, Rung::other_type, Rung::cold_start, Rung::other_type_cold_start};
+  PetscInt size = 0;
+  check(VecGetSize(u_.get(), &size));
+  if (size <= OuterLinearisation::largest) {
+    rungs.push_back(Rung::pivoting);
+    rungs.push_back(Rung::pivoting_cold_start);
   }
+  if (size <= OuterLinearisation::largest_searched) rungs.push_back(Rung::enumeration);
+  return rungs;
 }
 
-double StepSolver::ratio_against(Vec u, Vec row_terms) {
-  double worst = 0.0;
-  {
-    const ReadArray x(u);
-    const ReadArray f(f_.get());
-    const ReadArray l(lower_.get());
-    const ReadArray b(upper_.get());
-    const ReadArray terms(row_terms);
-    for (PetscInt i = 0; i < x.size(); ++i) {
-      const double natural = std::abs(x[i] - mid(l[i], b[i], x[i] - f[i]));
-      if (natural == 0.0) continue;
-      const double ratio = natural / terms[i];  // terms = 0: infinite, as it should be
-      if (!(ratio <= worst)) worst = ratio;     // keeps NaN
-      if (std::isnan(ratio)) worst = std::numeric_limits<double>::infinity();
-    }
-  }
-  MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_DOUBLE, MPI_MAX, problem_.comm());
-  return worst;
-}
-
-PetscInt StepSolver::attempt(int rung, std::string& reason) {
-  if (rung >= pivoting_rung) return attempt_pivoting(rung > pivoting_rung, reason);
-  return attempt_snes(rung % 2 == 1, rung >= first_cold_rung, reason);
+PetscInt StepSolver::attempt(Rung rung, std::string& reason) {
+  return rung >= Rung::pivoting ? attempt_pivoting(rung, reason) : attempt_snes(rung, reason);
 }
 
 void StepSolver::start_from(bool cold) {
@@ -297,9 +250,10 @@ void StepSolver::start_from(bool cold) {
   }
 }
 
-PetscInt StepSolver::attempt_snes(bool other_type, bool cold, std::string& reason) {
+PetscInt StepSolver::attempt_snes(Rung rung, std::string& reason) {
+  const bool other_type = rung == Rung::other_type || rung == Rung::other_type_cold_start;
   SNES snes = other_type ? other_snes() : snes_;
-  start_from(cold);
+  start_from(rung >= Rung::cold_start);
   check(VecScale(u_.get(), sigma_));
   // A semismooth solve that broke off leaves its own function in place of ours.
   check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
@@ -316,28 +270,42 @@ PetscInt StepSolver::attempt_snes(bool other_type, bool cold, std::string& reaso
   if (outcome == SNES_DIVERGED_LINEAR_SOLVE) {
     KSP ksp = nullptr;
     check(SNESGetKSP(snes, &ksp));
+    const PCFailedReason why = failed_reason(ksp);
     // Iterations made before that do not count: another run, which has the workspace already, has none.
-    if (recover(ksp)) return attempt_snes(other_type, cold, reason);
+    if (recover(ksp)) return attempt_snes(rung, reason);
+    ++failed_solves_;
+    failure_ = why;
   }
   return iterations;
 }
 
-PetscInt StepSolver::attempt_pivoting(bool cold, std::string& reason) {
-  start_from(cold);
+PetscInt StepSolver::attempt_pivoting(Rung rung, std::string& reason) {
+  if (!pivoting_) pivoting_ = std::make_unique<OuterLinearisation>(problem_);
+  start_from(rung == Rung::pivoting_cold_start);
   const auto ratio = [this](Vec u) { return settled_ratio(u); };
-  const OuterLinearisation::Result result = pivoting_->iterate(
-      u_.get(), lower_.get(), upper_.get(), certificate_.target, certificate_.stagnation, ratio);
-  reason = name_of(result.outcome);
+  const OuterLinearisation::Result result =
+      pivoting_->iterate(u_.get(), lower_.get(), upper_.get(), certificate_, ratio,
+                         rung == Rung::enumeration ? AffineMethod::enumeration : AffineMethod::lemke);
+  reason = result.reason;
   return result.iterations;
+}
+
+std::string StepSolver::linear_failure() const {
+  if (failed_solves_ == 0) return {};
+  const char* cause = failure_ == PC_FACTOR_OUTMEMORY ? "the factorization ran out of memory"
+                      : failure_ == PC_FACTOR_STRUCT_ZEROPIVOT || failure_ == PC_FACTOR_NUMERIC_ZEROPIVOT
+                          ? "its matrix is singular"
+                      : failure_ == PC_NOERROR ? "the linear solver did not converge"
+                                               : "the factorization failed";
+  return "in " + std::to_string(failed_solves_) +
+         " of the attempts a linear system could not be solved: " + cause;
 }
 
 StepReport StepSolver::solve(const Step& step) {
   problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
   choose_scale();
+  failed_solves_ = 0;
   const bool predicted = predict();
-  const bool outer = solver_options_.linearisation == Linearisation::outer;
-  const int first = outer ? pivoting_rung : 0;
-  const int last = outer ? pivoting_rung : pivoting_ ? last_rung : pivoting_rung - 1;
   StepReport best;
   best.residual = std::numeric_limits<double>::infinity();
   if (!predicted) best.obstacle = problem_.obstacle();
@@ -346,31 +314,33 @@ StepReport StepSolver::solve(const Step& step) {
     return best;
   }
   PetscInt iterations = 0;
+  int attempts = 0;
   Vector best_point;
-  for (int rung = first; rung <= last; ++rung) {
+  for (const Rung rung : ladder()) {
     StepReport report;
     report.rung = rung;
-    report.attempts = rung - first + 1;
+    report.attempts = ++attempts;
     iterations += attempt(rung, report.reason);
     problem_.settle(u_.get());
     report.residual = worst_ratio(u_.get());
     const bool solved = report.residual <= certificate_.rtol;
     report.certified = solved && problem_.admissible(u_.get());
     if (solved && !report.certified) report.reason += ", at a solution on a branch that the process refuses,";
-    report.predicted = predicted && rung == first && iterations == 0;
+    report.predicted = predicted && attempts == 1 && iterations == 0;
     if (report.certified) {
       report.iterations = iterations;
-      ++rungs_[static_cast<std::size_t>(rung)];
+      if (report.predicted) report.rung = Rung::predictor;
       return report;
     }
-    if (report.residual < best.residual || rung == first) {
+    if (report.residual < best.residual || attempts == 1) {
       best = report;
       if (!best_point) best_point = duplicate(u_.get());
       check(VecCopy(u_.get(), best_point.get()));
     }
-    best.attempts = report.attempts;
+    best.attempts = attempts;
   }
   best.iterations = iterations;
+  best.linear_failure = linear_failure();
   check(VecCopy(best_point.get(), u_.get()));
   problem_.residual(u_.get(), f_.get());
   return best;

@@ -174,11 +174,11 @@ History march(const ImpactOscillators& oscillators, const TimeGrid& grid, const 
     record(step.t_new);
     run.iterations += report.iterations;
     run.predicted += report.predicted ? 1 : 0;
+    ++run.rungs[static_cast<std::size_t>(report.rung)];
     run.residual = std::max(run.residual, report.residual);
     if (meddle) meddle(step, *dvi);
   });
   run.certified = time_march.run().certified && time_march.steps_taken() == grid.steps;
-  run.rungs = time_march.solver().rungs();
   MPI_Allreduce(MPI_IN_PLACE, counts.data(), 2, MPIU_INT, MPI_SUM, dvi->comm());
   run.impacts = counts[0];
   run.lift_offs = counts[1];
@@ -269,7 +269,7 @@ TEST(ZhuravlevIvanov, BallIsThatOfThePaper) {
     EXPECT_NEAR(last + h, scheme["rest_time"].get<double>(), 1e-9);
     EXPECT_EQ(sign_changes, scheme["n_sign_changes"].get<int>());
     EXPECT_LE(run.residual, 1e-14);
-    EXPECT_EQ(run.rungs[0], grid.steps);
+    EXPECT_EQ(run.rungs[0] + run.rungs[1], grid.steps);  // predictor or chosen
     // Impacts took what there was but for implicit Euler's own damping, 190 h to 330 h for these h.
     const double energy = 0.5 * 6.0 * 6.0 + gravity;
     EXPECT_LT(run.dissipated, energy);
@@ -305,7 +305,7 @@ TEST(ZhuravlevIvanov, RandomBallsConverge) {
     const TimeGrid grid{0.0, 4.0, steps};
     const History run = march(oscillators, grid);
     ASSERT_TRUE(run.certified);
-    EXPECT_EQ(run.rungs[0], steps);
+    EXPECT_EQ(run.rungs[0] + run.rungs[1], steps);
     double worst = 0.0, sum = 0.0;
     for (std::size_t i = 0; i < exact.size(); ++i) {
       double error = 0.0;

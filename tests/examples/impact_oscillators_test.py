@@ -130,7 +130,7 @@ class ImpactOscillators(unittest.TestCase):
         self.assertTrue((result.z[-1] == 0).all())
         self.assertTrue((abs(result.signs[-1, :, 0]) < 1).all())
         self.assertEqual(result.summary["predictor_hits"], result.summary["steps"])
-        self.assertEqual(result.summary["rungs"]["chosen"], result.summary["steps"])
+        self.assertEqual(result.summary["rungs"]["predictor"], result.summary["steps"])
         self.assertEqual(result.summary["edge_cut"], 1)
         # Springs and gravity only: the energy falls, and is 0 when all lie.
         self.assertTrue((np.diff(result.energy[:, :2].sum(axis=1)) <= 1e-12 * result.energy[0, 1]).all())

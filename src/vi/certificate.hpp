@@ -1,0 +1,56 @@
+#pragma once
+
+#include <limits>
+
+#include "sweepvi/dvi.hpp"
+#include "sweepvi/step_solver.hpp"
+
+namespace sweepvi {
+
+/// What row i makes of u: the natural residual u - mid(l, b, u - F), in the form
+///
+///     max(min(F, u - l), u - b),
+///
+/// in which a large u cannot swallow a small F. Bounds at PETSC_INFINITY and beyond are absent: that number
+/// itself is no bound to rest on.
+inline double natural_residual(double u, double f, double lower, double upper) {
+  const double from_lower = lower > PETSC_NINFINITY ? u - lower : std::numeric_limits<double>::infinity();
+  const double from_upper = upper < PETSC_INFINITY ? u - upper : -std::numeric_limits<double>::infinity();
+  const double below = from_lower < f ? from_lower : f;  // keeps NaN in f
+  return from_upper > below ? from_upper : below;
+}
+
+/// Certifies points of a step's VI, row by row:
+///
+///     |natural residual|_i  <=  rtol * (sum of the absolute values of the terms of row i)    for all i.
+///
+/// Where a row passes only because u_i is close to its bound, close is a matter of units: then the distance d
+/// counts as what it changes in the rows that read u_i, d * sum_j |dF_j/du_i| / terms_j, if that is more. So
+/// an impulse of 1e-13 is not zero where a mass of 1e-13 gets it.
+///
+/// A row without bounds whose unknowns all vanish in exact arithmetic consists of residue; only there, where
+/// it fails otherwise, a tenth of the terms of the unknowns it reads counts as its own.
+///
+/// What is not finite - u, F or terms - certifies nothing: an overflown sum of terms would excuse any
+/// residual.
+class Certificate {
+public:
+  Certificate(Dvi& problem, const CertificateOptions& options);
+
+  /// Worst ratio of the rows at u; infinity where numbers are not finite. `f` becomes F(u). @note Collective.
+  double worst_ratio(Vec u, Vec lower, Vec upper, Vec f);
+
+private:
+  double ratio(Vec u, Vec lower, Vec upper, Vec f);
+  double weighted_ratio(Vec u, Vec lower, Vec upper, Vec f);
+  void weigh(Vec u);
+  void add_spread(Vec lower, Vec upper);
+
+  Dvi& problem_;
+  const CertificateOptions& options_;
+  Vector terms_, spread_;
+  Vector inverse_, weights_;  // of terms; of distances. From the first point that needs them
+  Matrix jacobian_;           // likewise
+};
+
+}  // namespace sweepvi
