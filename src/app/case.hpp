@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "app/command_line.hpp"
+#include "io/process_state.hpp"
 #include "io/recording.hpp"
 #include "io/scene.hpp"
 #include "sweepvi/dvi.hpp"
@@ -30,6 +31,8 @@ public:
   virtual std::int64_t edge_cut() const { return 0; }  ///< couplings between ranks
   /// Whether some constraint of this rank was hit or released in the last step. @note Not collective.
   virtual bool contact_changed() const = 0;
+  /// Where the process's entities stand in the scene. @note Not collective.
+  virtual StateOrder state_order() const = 0;
   /// What `check` has to say about the model; `unknowns` of a step in all.
   virtual Lines report(std::int64_t unknowns) const = 0;
 };

@@ -52,6 +52,10 @@ public:
   std::int64_t constraints() const override { return system_.constraints(); }
   std::int64_t edge_cut() const override { return system_.edge_cut; }
   bool contact_changed() const override { return !dvi_->events().empty(); }
+  StateOrder state_order() const override {
+    return {{system_.coordinate_order, system_.coordinates()},
+            {system_.constraint_order, system_.constraints()}};
+  }
   Lines report(std::int64_t unknowns) const override;
 
 private:

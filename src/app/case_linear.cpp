@@ -91,6 +91,9 @@ public:
     return std::any_of(dvi_->events().begin(), dvi_->events().end(),
                        [](const StepEvent& event) { return !event.impact || event.level == 1; });
   }
+  StateOrder state_order() const override {
+    return {{system_.state_order, system_.states()}, {system_.constraint_order, system_.scene_constraints()}};
+  }
   Lines report(std::int64_t unknowns) const override;
 
 private:

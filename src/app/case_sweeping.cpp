@@ -25,6 +25,11 @@ public:
   std::int64_t constraints() const override { return system_.constraints(); }
   std::int64_t edge_cut() const override { return system_.edge_cut; }
   bool contact_changed() const override { return !dvi_->events().empty(); }
+  StateOrder state_order() const override {
+    const Places components{system_.state_order, system_.states()};
+    if (system_.is_box()) return {components, components};
+    return {components, {system_.face_order, system_.constraints()}};
+  }
   Lines report(std::int64_t unknowns) const override;
 
 private:

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <numeric>
 
 #include "app/case.hpp"
 #include "io/step_events.hpp"
@@ -33,6 +34,7 @@ public:
   std::string form() const override { return "states and signs"; }
   std::int64_t constraints() const override { return 2; }
   bool contact_changed() const override { return !dvi_->events().empty(); }
+  StateOrder state_order() const override;
   Lines report(std::int64_t unknowns) const override;
 
 private:
@@ -59,6 +61,17 @@ Quantity TrackingCase::quantity(std::string name, std::string description, std::
     if (rank == 0) copy(dvi_->tracked(), to);
   };
   return quantity;
+}
+
+// Rank 0 owns all unknowns.
+StateOrder TrackingCase::state_order() const {
+  StateOrder order;
+  check(VecGetSize(dvi_->state(), &order.states.total));
+  PetscInt local = 0;
+  check(VecGetLocalSize(dvi_->state(), &local));
+  order.states.mine.resize(static_cast<std::size_t>(local));
+  std::iota(order.states.mine.begin(), order.states.mine.end(), 0);
+  return order;
 }
 
 Recording TrackingCase::recording(const OutputSpec&) const {

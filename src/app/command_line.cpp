@@ -63,8 +63,12 @@ const std::vector<OptionEntry>& options() {
        true,
        "write one JSON object with status, counts and times"},
       {"--force", "", {Verb::run, Verb::solve}, true, "replace output files that exist"},
-      {"--restart", "FILE.h5", {Verb::run}, false, ""},
-      {"--wall-limit", "SECONDS", {Verb::run}, false, ""},
+      {"--restart",
+       "FILE.h5",
+       {Verb::run},
+       true,
+       "go on from a checkpoint, or from the file of a stopped run"},
+      {"--wall-limit", "SECONDS", {Verb::run}, true, "stop in order after so long, with a checkpoint"},
       {"--help",
        "",
        {Verb::run, Verb::check, Verb::solve},
@@ -195,8 +199,13 @@ private:
         equals == std::string::npos ? take_value(word, option->value) : given.substr(equals + 1);
     if (word == "--set") {
       add_set(value);
+    } else if (word == "--wall-limit") {
+      set_wall_limit(value);
     } else {
-      keep_once(word, value, word == "-o" ? line_.output : line_.summary);
+      keep_once(word, value,
+                word == "-o"          ? line_.output
+                : word == "--restart" ? line_.restart
+                                      : line_.summary);
     }
   }
 
@@ -229,6 +238,16 @@ private:
     if (kept && *kept != value)
       throw InputError(fmt::format("{0} {1} and {0} {2} contradict each other", word, *kept, value));
     kept = value;
+  }
+
+  void set_wall_limit(const std::string& text) {
+    const std::optional<double> seconds = to_number(text);
+    if (!seconds || !(*seconds >= 0.0))
+      throw InputError(fmt::format("--wall-limit {}: expected a number of seconds, 0 or more", text));
+    if (line_.wall_limit && *line_.wall_limit != *seconds)
+      throw InputError(
+          fmt::format("--wall-limit {} and --wall-limit {} contradict each other", *line_.wall_limit, text));
+    line_.wall_limit = seconds;
   }
 
   void add_set(const std::string& text) {
@@ -288,7 +307,7 @@ std::string general_help() {
            {"1", "internal error: a bug"},
            {"2", "bad usage, scene or data; nothing was computed or written"},
            {"3", "a step could not be solved or certified; the output holds everything before it"},
-           {"4", "stopped in order (not built yet: a signal ends a run at once)"},
+           {"4", "stopped by SIGUSR1, SIGTERM, SIGINT or --wall-limit; --restart goes on"},
            {"5", "output could not be written (disk full, no permission, existing file without --force)"}}));
 }
 

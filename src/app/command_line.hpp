@@ -18,6 +18,8 @@ struct CommandLine {
   std::string scene;                   ///< SCENE or PROBLEM
   std::optional<std::string> output;   ///< -o
   std::optional<std::string> summary;  ///< --summary
+  std::optional<std::string> restart;  ///< --restart
+  std::optional<double> wall_limit;    ///< --wall-limit [s]
   bool force = false;                  ///< --force
   Overrides overrides;                 ///< --set, in order; -ts_dt, -ts_max_time, -ts_theta_theta folded in
   std::vector<std::string> petsc_words;  ///< everything else, in order, program name excluded
@@ -26,7 +28,7 @@ struct CommandLine {
 /// Pure text work: no file is opened, MPI and PETSc need not be initialised.
 /// @throws Error (bad_input): unknown verb or word (with the nearest known), missing or contradicting values,
 /// a foreign
-///         -ts_type, something that is not built yet (study, compare, bench, --restart, --wall-limit).
+///         -ts_type, something that is not built yet (study, compare, bench).
 CommandLine parse_command_line(const std::vector<std::string>& words);
 
 /// The text of `sweepvi help [VERB]`.

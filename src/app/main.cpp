@@ -7,6 +7,7 @@
 
 #include "app/command_line.hpp"
 #include "app/verbs.hpp"
+#include "app/watch.hpp"
 #include "io/table_file.hpp"
 #include "sweepvi/petsc.hpp"
 
@@ -22,6 +23,7 @@ ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
   }
   switch (line.verb) {
     case app::Verb::run:
+      app::note_signals();
       return app::run(comm, line);
     case app::Verb::check:
       return app::check_scene(comm, line);

@@ -1,12 +1,16 @@
 #include <fmt/format.h>
 #include <algorithm>
+#include <cstdio>
+#include <filesystem>
 
 #include "app/case.hpp"
 #include "app/file_head.hpp"
 #include "app/options.hpp"
 #include "app/progress.hpp"
+#include "app/restart.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
+#include "app/watch.hpp"
 #include "io/recorder.hpp"
 #include "sweepvi/time_march.hpp"
 
@@ -29,96 +33,214 @@ std::string failure_text(const TimeMarch& march, const StepReport& report) {
       march.solver().certificate().rtol);
 }
 
+// Rows that a killed run left can still be gone on with; a new run of the same name would overwrite them.
+void refuse_interrupted(MPI_Comm comm, const std::string& output, const std::string& checkpoint, bool force) {
+  int rank = 0;
+  MPI_Comm_rank(comm, &rank);
+  agreed(comm, [&] {
+    std::error_code failure;
+    if (rank == 0 && !force && std::filesystem::exists(checkpoint, failure))
+      throw Error(
+          ExitCode::output,
+          fmt::format("{0} is there: an earlier run for {1} was interrupted. Go on with --restart {0}, "
+                      "or begin anew with --force",
+                      checkpoint, output));
+  });
+}
+
+/// A run from its scene to its exit code, and what it leaves for one that goes on.
+class Run {
+public:
+  Run(MPI_Comm comm, const CommandLine& line);
+  ExitCode go();
+
+private:
+  void open();
+  void march();
+  void after_step(const Step& step, const StepReport& report);
+  void write_checkpoint();
+  void conclude();
+  void tell() const;
+
+  MPI_Comm comm_;
+  const CommandLine& line_;
+  double begin_ = MPI_Wtime();
+  int rank_ = 0;
+  Scene scene_;
+  std::string path_;
+  std::map<std::string, std::string> fingerprint_;
+  std::optional<Restart> restart_;
+  std::unique_ptr<Case> model_;
+  std::unique_ptr<TimeMarch> march_;
+  std::string started_ = timestamp();
+  std::optional<Checkpointing> checkpointing_;
+  std::unique_ptr<Recorder> recorder_;
+  std::optional<Watch> watch_;
+  std::unique_ptr<Progress> progress_;
+  Summary summary_;
+  StepReport report_;
+  bool stopped_ = false;
+  double recorded_ = 0.0;  // when the last step had been recorded
+};
+
+Run::Run(MPI_Comm comm, const CommandLine& line) : comm_(comm), line_(line), scene_(load(comm, line)) {
+  MPI_Comm_rank(comm_, &rank_);
+  path_ = line.output.value_or(scene_.output.file);
+  check_distinct(
+      comm, {{"the scene", line.scene}, {"the output", path_}, {"--summary", line.summary.value_or("")}});
+  fingerprint_ = fingerprint(comm, scene_, line.overrides);
+  if (line.restart) {
+    restart_.emplace(comm, *line.restart, fingerprint_);
+    started_ = restart_->started();
+    summary_.steps = restart_->steps_done();
+  }
+  model_ = make_case(comm, scene_);
+  if (restart_) restart_->put_state(*model_);
+  march_ =
+      std::make_unique<TimeMarch>(model_->dvi(), scene_.time.grid(), static_cast<PetscInt>(summary_.steps));
+}
+
+// All that can be refused is refused before a file is touched.
+void Run::open() {
+  checkpointing_.emplace(comm_, path_, fingerprint_, started_);
+  if (restart_) {
+    restart_->open_rows();
+    restart_->put_counts(summary_);
+  } else {
+    refuse_interrupted(comm_, path_, checkpointing_->path(), line_.force);
+  }
+  if (line_.summary) check_writable(comm_, *line_.summary, true);
+  const OutputSpec& output = scene_.output;
+  if (restart_) {
+    recorder_ = restart_->recorder(path_, line_.force, scene_.time, output.every, model_->dvi(),
+                                   model_->recording(output));
+  } else {
+    recorder_ = std::make_unique<Recorder>(path_, line_.force, scene_.time, output.every, model_->dvi(),
+                                           model_->recording(output));
+    checkpointing_->remove();  // of an earlier run, whose rows are gone now
+  }
+  TableFile& file = recorder_->file();
+  describe(file, comm_, scene_.title, scene_.text, line_.overrides, started_);
+  file.attribute("scheme", name_of(scene_.time.scheme));
+  file.attribute("step", scene_.time.step);
+  file.attribute("status", "running");
+  if (!restart_) return;
+  write_checkpoint();
+  restart_->release_rows(path_, *recorder_);
+}
+
+void Run::write_checkpoint() {
+  checkpointing_->write(checkpointing_->collect(*model_, *recorder_, summary_));
+}
+
+void Run::after_step(const Step& step, const StepReport& report) {
+  const double solved = MPI_Wtime();
+  summary_.steps = step.number;
+  summary_.seconds_stepping += solved - recorded_;
+  summary_.snes_iterations += report.iterations;
+  summary_.predictor_hits += report.predicted ? 1 : 0;
+  ++summary_.rungs[static_cast<std::size_t>(report.rung)];
+  summary_.max_residual = std::max(summary_.max_residual, report.residual);
+  summary_.max_penetration = std::max(summary_.max_penetration, model_->dvi().penetration());
+  int contact_changes = model_->contact_changed() ? 1 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &contact_changes, 1, MPI_INT, MPI_LOR, comm_);
+  summary_.active_changes += contact_changes;
+  recorder_->step(step, report, solved - recorded_);
+  progress_->show(step.number, step.t_new, summary_.snes_iterations);
+
+  const Watch::Asked asked = watch_->ask();
+  if (asked.stop && step.number < scene_.time.steps) {
+    stopped_ = true;
+    march_->stop();
+  } else if (asked.checkpoint) {
+    try {
+      write_checkpoint();
+    } catch (const Error& error) {
+      if (error.code() != ExitCode::output || TableFile::damaged()) throw;
+      if (rank_ == 0)
+        std::fprintf(stderr, "sweepvi: no checkpoint at step %lld: %s. The run goes on\n",
+                     static_cast<long long>(step.number), error.what());
+    }
+    watch_->checkpoint_written();
+  }
+  recorded_ = MPI_Wtime();
+}
+
+void Run::march() {
+  watch_.emplace(comm_, begin_, line_.wall_limit, scene_.output.checkpoint);
+  progress_ = std::make_unique<Progress>(comm_, scene_.time.steps);
+  report_.certified = true;
+  stopped_ = summary_.steps < scene_.time.steps && watch_->ask().stop;
+  if (stopped_) return;
+  march_->observe([this](const Step& step, const StepReport& report) { after_step(step, report); });
+  recorded_ = MPI_Wtime();
+  report_ = march_->run();
+  progress_.reset();
+}
+
+// Files, then the summary. What is not complete can be gone on with, from the file or from the checkpoint.
+void Run::conclude() {
+  const bool failed = !report_.certified;
+  if (failed && report_.obstacle.empty())
+    summary_.max_residual = std::max(summary_.max_residual, report_.residual);
+  summary_.exit = failed ? ExitCode::unsolved : stopped_ ? ExitCode::stopped : ExitCode::done;
+  summary_.status = failed ? "failed" : stopped_ ? "stopped" : "done";
+  CheckpointData goes_on;
+  const bool complete = summary_.exit == ExitCode::done;
+  if (!complete) {
+    goes_on = checkpointing_->collect(*model_, *recorder_, summary_);
+    checkpointing_->write(goes_on);
+    goes_on.facts["rows"]["file"] = recorder_->file().name();
+  }
+  recorder_->file().attribute("status", summary_.status);
+  recorder_->file().attribute("finished", timestamp());
+  if (!complete)
+    recorder_->file().embed("/checkpoint", rank_ == 0 ? encode(goes_on) : std::vector<std::byte>());
+  recorder_->finish();
+  if (complete)
+    checkpointing_->remove();
+  else
+    checkpointing_->write(goes_on);
+  summary_.time_matmult(march_->solver().jacobian());
+  summary_.unused_options = report_unused_options(comm_);
+  summary_.seconds_total = MPI_Wtime() - begin_;
+  summary_.write(comm_, line_.summary);
+}
+
+void Run::tell() const {
+  if (rank_ != 0) return;
+  fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraint{}, {:.3g} s\n", path_, summary_.steps,
+             scene_.time.step, summary_.unknowns, model_->form(), summary_.constraints,
+             summary_.constraints == 1 ? "" : "s", summary_.seconds_total);
+  fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
+             summary_.max_residual, summary_.max_penetration, summary_.snes_iterations);
+}
+
+ExitCode Run::go() {
+  if (line_.help_requested) return ExitCode::done;  // the objects have printed their options
+  open();
+  summary_.constraints = model_->constraints();
+  summary_.edge_cut = model_->edge_cut();
+  summary_.count_jacobian(march_->solver().jacobian());
+  SNESType snes_type = nullptr;
+  check(SNESGetType(march_->solver().snes(), &snes_type));
+  summary_.snes_type = snes_type;
+  summary_.seconds_setup = MPI_Wtime() - begin_;
+  march();
+  conclude();
+  tell();
+  if (!report_.certified) throw Error(ExitCode::unsolved, failure_text(*march_, report_));
+  if (stopped_)
+    throw Error(ExitCode::stopped,
+                fmt::format("stopped by {} after step {} of {}, t = {:.6g} s. Go on with --restart {}",
+                            watch_->reason(), summary_.steps, scene_.time.steps, march_->time(), path_));
+  return ExitCode::done;
+}
+
 }  // namespace
 
 ExitCode run(MPI_Comm comm, const CommandLine& line) {
-  const double begin = MPI_Wtime();
-  const std::string started = timestamp();
-  int rank = 0;
-  MPI_Comm_rank(comm, &rank);
-  Scene scene = load(comm, line);
-  const TimeSpec& time = scene.time;
-  const std::string path = line.output.value_or(scene.output.file);
-  check_distinct(comm,
-                 {{"the scene", line.scene}, {"the output", path}, {"--summary", line.summary.value_or("")}});
-
-  const auto model = make_case(comm, scene);
-  const Dvi& dvi = model->dvi();
-  TimeMarch march(model->dvi(), time.grid());
-  if (line.help_requested) return ExitCode::done;  // the objects have printed their options
-
-  if (line.summary) check_writable(comm, *line.summary, true);
-  Recorder recorder(path, line.force, time, scene.output.every, dvi, model->recording(scene.output));
-  describe(recorder.file(), comm, scene.title, scene.text, line.overrides, started);
-  recorder.file().attribute("scheme", name_of(time.scheme));
-  recorder.file().attribute("step", time.step);
-  recorder.file().attribute("status", "running");
-
-  Summary summary;
-  summary.constraints = model->constraints();
-  summary.edge_cut = model->edge_cut();
-  summary.count_jacobian(march.solver().jacobian());
-  SNESType snes_type = nullptr;
-  check(SNESGetType(march.solver().snes(), &snes_type));
-  summary.snes_type = snes_type;
-  summary.max_penetration = 0.0;
-  summary.seconds_setup = MPI_Wtime() - begin;
-
-  StepReport report;
-  std::optional<Error> trouble;
-  {
-    Progress progress(comm, time.steps);
-    const double stepping = MPI_Wtime();
-    double last = stepping;
-    double recording = 0.0;
-    march.observe([&](const Step& step, const StepReport& step_report) {
-      const double solved = MPI_Wtime();
-      summary.snes_iterations += step_report.iterations;
-      summary.predictor_hits += step_report.predicted ? 1 : 0;
-      ++summary.rungs[static_cast<std::size_t>(step_report.rung)];
-      summary.max_residual = std::max(summary.max_residual, step_report.residual);
-      summary.max_penetration = std::max(summary.max_penetration, dvi.penetration());
-      int contact_changes = model->contact_changed() ? 1 : 0;
-      MPI_Allreduce(MPI_IN_PLACE, &contact_changes, 1, MPI_INT, MPI_LOR, comm);
-      summary.active_changes += contact_changes;
-      recorder.step(step, step_report, solved - last);
-      last = MPI_Wtime();
-      recording += last - solved;
-      progress.show(step.number, step.t_new, summary.snes_iterations);
-    });
-    try {
-      report = march.run();
-    } catch (const Error& error) {
-      if (error.code() != ExitCode::output || TableFile::damaged()) throw;
-      trouble = error;  // all ranks know; what is in the file stays
-    }
-    summary.seconds_stepping = MPI_Wtime() - stepping - recording;
-  }
-  summary.steps = march.steps_taken();
-  if (trouble) throw *trouble;
-
-  const bool failed = !report.certified;
-  if (failed && report.obstacle.empty())
-    summary.max_residual = std::max(summary.max_residual, report.residual);
-  summary.exit = failed ? ExitCode::unsolved : ExitCode::done;
-  summary.status = failed ? "failed" : "done";
-  recorder.file().attribute("status", summary.status);
-  recorder.file().attribute("finished", timestamp());
-  recorder.finish();
-  summary.time_matmult(march.solver().jacobian());
-  summary.unused_options = report_unused_options(comm);
-  summary.seconds_total = MPI_Wtime() - begin;
-  summary.write(comm, line.summary);
-
-  if (rank == 0) {
-    fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraint{}, {:.3g} s\n", path, summary.steps,
-               time.step, summary.unknowns, model->form(), summary.constraints,
-               summary.constraints == 1 ? "" : "s", summary.seconds_total);
-    fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
-               summary.max_residual, summary.max_penetration, summary.snes_iterations);
-  }
-  if (failed) throw Error(ExitCode::unsolved, failure_text(march, report));
-  return ExitCode::done;
+  return Run(comm, line).go();
 }
 
 }  // namespace sweepvi::app

@@ -24,6 +24,10 @@ std::int64_t event_count(const char* name) {
   return info.count;
 }
 
+std::int64_t factorizations() {
+  return event_count("MatLUFactorNum") + event_count("MatCholFctrNum") + event_count("MatILUFactorNum");
+}
+
 // JSON has no infinity; a run without steps has no ratio.
 nlohmann::json number(double value) {
   return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
@@ -109,9 +113,8 @@ std::string Summary::text(MPI_Comm comm) const {
   json["snes_type"] = snes_type;
   json["snes_iterations"] = snes_iterations;
   json["predictor_hits"] = predictor_hits;
-  json["factorizations"] =
-      event_count("MatLUFactorNum") + event_count("MatCholFctrNum") + event_count("MatILUFactorNum");
-  json["linear_solves"] = event_count("KSPSolve");
+  json["factorizations"] = earlier_factorizations + factorizations();
+  json["linear_solves"] = earlier_linear_solves + event_count("KSPSolve");
   json["active_changes"] = active_changes;
   for (std::size_t i = 0; i < rungs.size(); ++i)
     json["rungs"][StepSolver::rung_names[i]] = rungs[i];
@@ -120,6 +123,31 @@ std::string Summary::text(MPI_Comm comm) const {
   json["peak_rss_bytes"] = peak_rss_bytes(comm);
   json["unused_options"] = unused_options;
   return json.dump(2) + "\n";
+}
+
+std::pair<std::vector<std::int64_t>, std::vector<double>> Summary::to_go_on(MPI_Comm comm) const {
+  std::int64_t events[] = {factorizations(), event_count("KSPSolve")};
+  MPI_Bcast(events, 2, MPI_INT64_T, 0, comm);
+  std::vector<std::int64_t> counts = {snes_iterations, predictor_hits, active_changes,
+                                      earlier_factorizations + events[0], earlier_linear_solves + events[1]};
+  counts.insert(counts.end(), rungs.begin(), rungs.end());
+  return {counts, {max_residual, max_penetration, seconds_stepping}};
+}
+
+bool Summary::fits(const std::vector<std::int64_t>& counts, const std::vector<double>& measures) {
+  return counts.size() == 5 + StepSolver::Rungs{}.size() && measures.size() == 3;
+}
+
+void Summary::go_on_from(const std::vector<std::int64_t>& counts, const std::vector<double>& measures) {
+  snes_iterations = counts[0];
+  predictor_hits = counts[1];
+  active_changes = counts[2];
+  earlier_factorizations = counts[3];
+  earlier_linear_solves = counts[4];
+  std::copy(counts.begin() + 5, counts.end(), rungs.begin());
+  max_residual = measures[0];
+  max_penetration = measures[1];
+  seconds_stepping = measures[2];
 }
 
 void Summary::write(MPI_Comm comm, const std::optional<std::string>& path) const {

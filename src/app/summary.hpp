@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "sweepvi/step_solver.hpp"
@@ -24,6 +25,13 @@ struct Summary {
   StepSolver::Rungs rungs{};
   double max_residual = 0.0, max_penetration = 0.0;
   std::vector<std::string> unused_options;
+  std::int64_t earlier_factorizations = 0, earlier_linear_solves = 0;  ///< before a restart
+
+  /// What a later run adds its own to, see go_on_from. @note Collective.
+  std::pair<std::vector<std::int64_t>, std::vector<double>> to_go_on(MPI_Comm comm) const;
+  static bool fits(const std::vector<std::int64_t>& counts, const std::vector<double>& measures);
+  /// Counts, times and worst cases of an earlier run, before this one has any.
+  void go_on_from(const std::vector<std::int64_t>& counts, const std::vector<double>& measures);
 
   /// Time of one MatMult with the step's Jacobian: the median of several, each the slowest rank's. @note
   /// Collective.

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "io/rungs_field.hpp"
+#include "parallel/gather.hpp"
 
 namespace sweepvi {
 
@@ -63,7 +64,7 @@ std::vector<FieldSpec> Recorder::fields(MPI_Comm comm, const std::vector<Column>
 }
 
 Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every,
-                   const Dvi& dvi, Recording recording)
+                   const Dvi& dvi, Recording recording, const std::string& partial)
     : comm_(dvi.comm()),
       dvi_(dvi),
       recording_(std::move(recording)),
@@ -74,10 +75,72 @@ Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time
             {.expected_rows = static_cast<hsize_t>(time.steps / every + 2),
              .overwrite = overwrite,
              .events = static_cast<bool>(recording_.events),
-             .impulse_units = recording_.impulse_units}) {
+             .impulse_units = recording_.impulse_units,
+             .partial = partial}) {
   if (recording_.elements)
     file_.list("/element", *recording_.elements, "1", "element numbers of the columns");
+}
+
+Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every,
+                   const Dvi& dvi, Recording recording)
+    : Recorder(path, overwrite, time, every, dvi, std::move(recording), std::string()) {
   write_row(time.start);
+}
+
+Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every,
+                   const Dvi& dvi, Recording recording, const Resume& resume)
+    : Recorder(path, overwrite, time, every, dvi, std::move(recording), resume.partial) {
+  try {
+    resume.rows.copy_into(file_);
+    load(resume.data);
+  } catch (const Error& error) {
+    if (error.code() == ExitCode::bad_input) file_.discard();
+    throw;
+  }
+}
+
+// What has come since the last row: iterations, seconds, residual, rungs; and the time of the last step if it
+// has no row.
+void Recorder::save(CheckpointData& data) {
+  std::vector<double>& since = data.numbers["since the last row"];
+  since = {iterations_, seconds_, residual_};
+  since.insert(since.end(), rungs_.begin(), rungs_.end());
+  if (pending_) since.push_back(*pending_);
+  for (const Column& column : columns_)
+    if (column.quantity.summed)
+      data.numbers["sum of " + column.quantity.name] = bring_together(
+          comm_, {column.quantity.positions, column.quantity.total}, column.mine, column.width);
+  data.put(file_.mark());
+}
+
+void Recorder::load(const CheckpointData& data) {
+  int rank = 0;
+  MPI_Comm_rank(comm_, &rank);
+  const auto of = [&](const std::string& name, std::size_t least, std::size_t most) {
+    std::vector<double> values;
+    agreed(comm_, [&] {
+      if (rank != 0) return;
+      const auto at = data.numbers.find(name);
+      if (at == data.numbers.end() || at->second.size() < least || at->second.size() > most)
+        throw InputError("the checkpoint lacks '" + name + "'; it was written by another version");
+      values = at->second;
+    });
+    return values;
+  };
+  std::vector<double> since = of("since the last row", 3 + rungs_.size(), 4 + rungs_.size());
+  broadcast(comm_, since);
+  iterations_ = since[0];
+  seconds_ = since[1];
+  residual_ = since[2];
+  for (std::size_t k = 0; k < rungs_.size(); ++k)
+    rungs_[k] = static_cast<std::int64_t>(since[3 + k]);
+  if (since.size() > 3 + rungs_.size()) pending_ = since.back();
+  for (Column& column : columns_) {
+    if (!column.quantity.summed) continue;
+    const std::size_t size = static_cast<std::size_t>(column.quantity.total) * column.width;
+    deal_out(comm_, {column.quantity.positions, column.quantity.total},
+             of("sum of " + column.quantity.name, size, size), column.width, column.mine);
+  }
 }
 
 void Recorder::step(const Step& step, const StepReport& report, double seconds) {

@@ -4,8 +4,11 @@
 #include <string>
 #include <vector>
 
+#include "io/checkpoint.hpp"
+#include "io/dealt.hpp"
 #include "io/file_order.hpp"
 #include "io/recording.hpp"
+#include "io/row_source.hpp"
 #include "io/scene.hpp"
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/step_solver.hpp"
@@ -19,6 +22,21 @@ public:
   /// @throws Error (output) on every rank if the file cannot be made
   Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every, const Dvi& dvi,
            Recording recording);
+
+  /// Goes on in a new file: first the rows of an earlier one, then those of the steps to come.
+  /// @param partial  as TableOptions::partial
+  /// @param data     rank 0's counts
+  /// @throws Error (output), as above; Error (bad_input) if the earlier rows are not what was marked
+  struct Resume {
+    RowSource& rows;
+    const CheckpointData& data;
+    std::string partial;
+  };
+  Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every, const Dvi& dvi,
+           Recording recording, const Resume& resume);
+
+  /// Puts what is not in the file yet into a checkpoint, and where the rows are that are.
+  void save(CheckpointData& data);
 
   /// Takes in a certified step, which took `seconds`; writes a row if one is due.
   void step(const Step& step, const StepReport& report, double seconds);
@@ -38,6 +56,9 @@ private:
     Column(MPI_Comm comm, Quantity described);
     FieldSpec field() const;
   };
+  Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every, const Dvi& dvi,
+           Recording recording, const std::string& partial);
+  void load(const CheckpointData& data);
   static std::vector<Column> make_columns(MPI_Comm comm, std::vector<Quantity> quantities);
   static std::vector<FieldSpec> fields(MPI_Comm comm, const std::vector<Column>& columns);
   void write_row(double t);

@@ -108,10 +108,9 @@ OutputSpec read_output(const TomlValue& table, const std::string& scene, const C
   output.file = file ? file.path() : std::filesystem::path(scene).stem().string() + ".h5";
   if (every) output.every = every.integer();
   if (output.every < 1) every.fail(fmt::format("= {}; expected at least 1", output.every));
-  if (const double seconds = checkpoint.number_or(0.0); seconds != 0.0) {
-    if (seconds < 0.0) checkpoint.fail(fmt::format("= {} s; expected 0 or more", seconds));
-    checkpoint.fail(fmt::format("= {} s is not built yet; available: 0, only when stopped", seconds));
-  }
+  output.checkpoint = checkpoint.number_or(output.checkpoint);
+  if (output.checkpoint < 0.0)
+    checkpoint.fail(fmt::format("= {} s; expected 0 (only when stopped) or more", output.checkpoint));
 
   if (!blocks || (blocks.is_string() && blocks.string() == "all")) return output;
   if (!blocks.is_array()) blocks.fail("is neither \"all\" nor a list of element numbers");
@@ -168,6 +167,21 @@ Scene read_scene(MPI_Comm comm, const std::string& path, const Overrides& overri
          [&] { read_document(TomlValue::parse(path, scene.text, overrides, rank == 0), rank == 0, scene); });
   if (auto* chain = std::get_if<ChainSpec>(&scene.model)) share(comm, *chain);
   return scene;
+}
+
+std::map<std::string, std::string> fingerprint(MPI_Comm comm, const Scene& scene,
+                                               const Overrides& overrides) {
+  std::map<std::string, std::string> result;
+  int rank = 0;
+  MPI_Comm_rank(comm, &rank);
+  agreed(comm, [&] {
+    if (rank != 0) return;
+    const TomlValue document = TomlValue::parse(scene.path, scene.text, overrides, false);
+    const TomlValue output = document["output"];
+    for (const TomlValue& part : {document["time"], document["model"], output["every"], output["blocks"]})
+      result.merge(part.flattened());
+  });
+  return result;
 }
 
 }  // namespace sweepvi

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <optional>
 #include <string>
 #include <utility>
@@ -84,6 +85,7 @@ struct OutputSpec {
   std::string file;                                 ///< relative to the working directory
   std::int64_t every = 1;                           ///< record each `every`-th step
   std::optional<std::vector<std::int64_t>> blocks;  ///< record only these elements, ascending
+  double checkpoint = 600.0;                        ///< [s] between checkpoints; 0: only when stopped
 };
 
 struct Scene {
@@ -106,6 +108,12 @@ using Overrides = std::vector<std::pair<std::string, std::string>>;
 ///         file, non-finite number, a key or value that is not built yet.
 /// @note Collective on `comm`; rank 0 alone touches files.
 Scene read_scene(MPI_Comm comm, const std::string& path, const Overrides& overrides);
+
+/// What a scene computes and records, key by key: two scenes that agree in it give the same trajectory, up to
+/// what solver options change. Titles, comments and names of outputs do not enter; files do, with all their
+/// bytes. On rank 0, empty elsewhere.
+/// @throws Error (bad_input) on every rank.  @note Collective on `comm`.
+std::map<std::string, std::string> fingerprint(MPI_Comm comm, const Scene& scene, const Overrides& overrides);
 
 /// `sweepvi solve`: find l <= u <= b with F(u) = M u + q complementary to the bounds. Filled on rank 0 only.
 struct Problem {

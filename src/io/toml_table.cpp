@@ -6,11 +6,15 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <optional>
+#include <sstream>
 #include <tuple>
 
+#include "io/checksum.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -291,6 +295,63 @@ std::string TomlValue::choice(const std::vector<std::string>& built, const std::
   std::vector<std::string> known = built;
   known.insert(known.end(), planned.begin(), planned.end());
   fail(fmt::format("{} is unknown{}", quoted, suggestion(value, known)));
+}
+
+namespace {
+
+/// Numbers as such: 2000 and 2e3 are the same.
+std::string text_of(const toml::node& node) {
+  if (const auto* value = node.as_string()) return fmt::format("\"{}\"", value->get());
+  if (const auto* value = node.as_boolean()) return fmt::format("{}", value->get());
+  if (const auto* value = node.as_integer()) return fmt::format("{}", static_cast<double>(value->get()));
+  if (const auto* value = node.as_floating_point()) return fmt::format("{}", value->get());
+  std::string text;
+  const auto add = [&text](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
+  if (const auto* array = node.as_array()) {
+    for (const toml::node& entry : *array)
+      add(text_of(entry));
+    return "[" + text + "]";
+  }
+  if (const auto* table = node.as_table()) {
+    for (const auto& [key, entry] : *table)
+      add(fmt::format("{} = {}", key.str(), text_of(entry)));
+    return "{" + text + "}";
+  }
+  return "a date or a time";
+}
+
+std::string digest(std::string_view bytes) {
+  std::vector<std::uint64_t> words((bytes.size() + 7) / 8, 0);
+  std::memcpy(words.data(), bytes.data(), bytes.size());
+  const auto* first = reinterpret_cast<const std::byte*>(words.data());
+  return fmt::format("{} bytes, checksum {:016x}", bytes.size(), checksum(first, words.size(), 8, 0));
+}
+
+}  // namespace
+
+std::map<std::string, std::string> TomlValue::flattened() const {
+  std::map<std::string, std::string> result;
+  if (node_ == nullptr) return result;
+  const toml::node& node = *as_node(node_);
+  if (const toml::table* table = node.as_table()) {
+    for (const auto& [key, entry] : *table)
+      result.merge(TomlValue(document_, &entry, node_,
+                             name_.empty() ? std::string(key.str()) : fmt::format("{}.{}", name_, key.str()))
+                       .flattened());
+    return result;
+  }
+  std::error_code failure;
+  if (node.is_string() && !string().empty() && std::filesystem::is_regular_file(path(), failure)) {
+    std::ifstream file(path(), std::ios::binary);
+    std::stringstream bytes;
+    bytes << file.rdbuf();
+    result[name_] = "a file of " + digest(bytes.view());
+    return result;
+  }
+  constexpr std::size_t line = 80;
+  const std::string text = text_of(node);
+  result[name_] = text.size() <= line ? text : "an array of " + digest(text);
+  return result;
 }
 
 }  // namespace sweepvi

@@ -3,6 +3,7 @@
 #include <mpi.h>
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -68,6 +69,10 @@ public:
   std::vector<Signal> signals() const;              ///< an array of signals, or a file of numbers
   std::vector<Signal> signals_or_infinity() const;  ///< the same; infinite numbers are welcome
   SparseEntries matrix() const;                     ///< an array of rows, or a file; zeros are left out
+
+  /// Every value at or below this one, as dotted key and text, in one form whatever way it is written. Of
+  /// arrays longer than a line and of files that strings name: a checksum.
+  std::map<std::string, std::string> flattened() const;
 
   const std::string& name() const { return name_; }  ///< dotted key
   /// Throws "file:line:column: name complaint"; `complaint` may start with "= found value".

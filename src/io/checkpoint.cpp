@@ -1,0 +1,256 @@
+#include "io/checkpoint.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <string_view>
+
+#include "io/checksum.hpp"
+#include "io/hdf5_handle.hpp"
+#include "sweepvi/error.hpp"
+
+namespace sweepvi {
+
+static_assert(std::endian::native == std::endian::little);
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view magic = "sweepvi checkpoint ";
+constexpr std::string_view first_line = "sweepvi checkpoint 1\n";
+constexpr std::string_view hdf5_magic = "\x89HDF\r\n\x1a\n";
+constexpr const char* dataset = "/checkpoint";
+
+/// Entries of four bytes, the last one filled up.
+std::uint64_t checksum_of(std::span<const std::byte> bytes) {
+  const std::uint64_t whole = bytes.size() / 4;
+  std::uint64_t sum = checksum(bytes.data(), whole, 4, 0);
+  std::array<std::byte, 4> rest{};
+  std::copy(bytes.begin() + static_cast<std::ptrdiff_t>(4 * whole), bytes.end(), rest.begin());
+  return sum + checksum(rest.data(), 1, 4, whole) + bytes.size();
+}
+
+template <class T>
+void append(std::vector<std::byte>& bytes, const T* values, std::size_t count) {
+  const auto* first = reinterpret_cast<const std::byte*>(values);
+  bytes.insert(bytes.end(), first, first + count * sizeof(T));
+}
+
+/// Reads from the front of what is left.
+class Reader {
+public:
+  Reader(std::span<const std::byte> bytes, const std::string& name) : bytes_(bytes), name_(name) {}
+
+  std::span<const std::byte> take(std::uint64_t count) {
+    if (count > bytes_.size()) damaged("it ends too early");
+    const auto taken = bytes_.first(count);
+    bytes_ = bytes_.subspan(count);
+    return taken;
+  }
+  template <class T>
+  std::vector<T> take_array(std::uint64_t count) {
+    if (count > bytes_.size() / sizeof(T)) damaged("it ends too early");
+    std::vector<T> values(count);
+    if (count > 0) std::memcpy(values.data(), take(count * sizeof(T)).data(), count * sizeof(T));
+    return values;
+  }
+  bool at_end() const { return bytes_.empty(); }
+  [[noreturn]] void damaged(const std::string& why) const {
+    throw InputError(fmt::format(
+        "{}: the checkpoint is damaged: {}; go on from another one, or start the scene anew", name_, why));
+  }
+
+private:
+  std::span<const std::byte> bytes_;
+  const std::string& name_;
+};
+
+void expect_format(std::span<const std::byte> bytes, const std::string& name) {
+  const std::string_view start(reinterpret_cast<const char*>(bytes.data()),
+                               std::min(bytes.size(), first_line.size()));
+  if (start == first_line) return;
+  if (start.size() < first_line.size() && first_line.starts_with(start))
+    throw InputError(fmt::format("{}: the checkpoint is cut short, after {} bytes", name, bytes.size()));
+  if (start.starts_with(magic))
+    throw InputError(
+        fmt::format("{}: the checkpoint has the format '{}', this program reads '{}'; go on with the "
+                    "version of sweepvi that wrote it",
+                    name, start.substr(0, start.find('\n')), first_line.substr(0, first_line.size() - 1)));
+  throw InputError(fmt::format(
+      "{}: neither a checkpoint nor an output file of a stopped run; expected FILE.h5.checkpoint or FILE.h5",
+      name));
+}
+
+std::vector<std::byte> bytes_of_file(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::error_code failure;
+  const std::uintmax_t size = fs::is_regular_file(path, failure) ? fs::file_size(path, failure) : 0;
+  if (!file || failure || !fs::is_regular_file(path, failure))
+    throw InputError(fmt::format("{}: cannot be read: {}", path, std::strerror(errno != 0 ? errno : ENOENT)));
+  std::vector<std::byte> bytes(size);
+  file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
+  if (file.gcount() != static_cast<std::streamsize>(size))
+    throw InputError(fmt::format("{}: cannot be read to its end", path));
+  return bytes;
+}
+
+bool starts_with(const std::string& path, std::string_view text) {
+  std::ifstream file(path, std::ios::binary);
+  std::string start(text.size(), '\0');
+  file.read(start.data(), static_cast<std::streamsize>(start.size()));
+  return file && start == text;
+}
+
+std::vector<std::byte> bytes_in_output(const std::string& path) {
+  const QuietHdf5 quiet;
+  const Hdf5File file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
+  if (!file)
+    throw InputError(fmt::format(
+        "{}: this HDF5 file cannot be read: {}; if its run was killed, go on from its .checkpoint", path,
+        hdf5_reason()));
+  if (H5Lexists(file.get(), dataset, H5P_DEFAULT) <= 0)
+    throw InputError(
+        fmt::format("{}: nothing to go on from: the file holds no checkpoint, as only those of "
+                    "stopped or failed runs do",
+                    path));
+  const Hdf5Dataset data(H5Dopen2(file.get(), dataset, H5P_DEFAULT));
+  const Hdf5Space space(H5Dget_space(data.get()));
+  const hssize_t size = data ? H5Sget_simple_extent_npoints(space.get()) : -1;
+  std::error_code failure;
+  const bool plausible = size >= 0 && static_cast<std::uintmax_t>(size) <= fs::file_size(path, failure);
+  std::vector<std::byte> bytes(plausible ? static_cast<std::size_t>(size) : 0);
+  if (!plausible || H5Dread(data.get(), H5T_NATIVE_UINT8, H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes.data()) < 0)
+    throw InputError(fmt::format("{}: its checkpoint cannot be read: {}", path, hdf5_reason()));
+  return bytes;
+}
+
+}  // namespace
+
+void CheckpointData::put(const TableMark& mark) {
+  nlohmann::json fields = nlohmann::json::array();
+  for (std::size_t i = 0; i < mark.fields.size(); ++i) {
+    const TableMark::Field& field = mark.fields[i];
+    fields.push_back({{"name", field.name},
+                      {"entry_bytes", field.entry_bytes},
+                      {"extents", field.extents},
+                      {"chunk", field.chunk},
+                      {"checksum", field.checksum}});
+    integers["chunks of " + field.name] = field.addresses;
+  }
+  facts["rows"] = {{"file", mark.file}, {"rows", mark.rows}, {"events", mark.events}, {"fields", fields}};
+}
+
+TableMark CheckpointData::mark() const {
+  const nlohmann::json& rows = facts.at("rows");
+  TableMark mark;
+  mark.file = rows.at("file").get<std::string>();
+  mark.rows = rows.at("rows").get<std::uint64_t>();
+  mark.events = rows.at("events").get<std::uint64_t>();
+  for (const nlohmann::json& entry : rows.at("fields")) {
+    TableMark::Field field{entry.at("name").get<std::string>(), entry.at("entry_bytes").get<std::uint64_t>()};
+    field.extents = entry.at("extents").get<std::vector<std::uint64_t>>();
+    field.chunk = entry.at("chunk").get<std::vector<std::uint64_t>>();
+    field.checksum = entry.at("checksum").get<std::uint64_t>();
+    field.addresses = integers.at("chunks of " + field.name);
+    mark.fields.push_back(std::move(field));
+  }
+  return mark;
+}
+
+std::vector<std::byte> encode(const CheckpointData& data) {
+  nlohmann::json header = {
+      {"facts", data.facts}, {"numbers", nlohmann::json::array()}, {"integers", nlohmann::json::array()}};
+  for (const auto& [name, values] : data.numbers)
+    header["numbers"].push_back({name, values.size()});
+  for (const auto& [name, values] : data.integers)
+    header["integers"].push_back({name, values.size()});
+  const std::string text = header.dump(1) + "\n";
+  const std::uint64_t length = text.size();
+
+  std::vector<std::byte> bytes;
+  append(bytes, first_line.data(), first_line.size());
+  append(bytes, &length, 1);
+  append(bytes, text.data(), text.size());
+  for (const auto& [name, values] : data.numbers)
+    append(bytes, values.data(), values.size());
+  for (const auto& [name, values] : data.integers)
+    append(bytes, values.data(), values.size());
+  const std::uint64_t sum = checksum_of(bytes);
+  append(bytes, &sum, 1);
+  return bytes;
+}
+
+CheckpointData decode(std::span<const std::byte> bytes, const std::string& name) {
+  expect_format(bytes, name);
+  Reader reader(bytes, name);
+  if (bytes.size() < first_line.size() + 2 * sizeof(std::uint64_t)) reader.damaged("it ends too early");
+  std::uint64_t sum = 0;
+  std::memcpy(&sum, bytes.data() + bytes.size() - sizeof sum, sizeof sum);
+  if (sum != checksum_of(bytes.first(bytes.size() - sizeof sum)))
+    reader.damaged("its checksum does not fit, bytes are missing or changed");
+
+  CheckpointData data;
+  try {
+    reader.take(first_line.size());
+    const std::uint64_t length = reader.take_array<std::uint64_t>(1).front();
+    const auto text = reader.take(length);
+    const auto* characters = reinterpret_cast<const char*>(text.data());
+    const nlohmann::json header = nlohmann::json::parse(characters, characters + text.size());
+    data.facts = header.at("facts");
+    for (const nlohmann::json& entry : header.at("numbers"))
+      data.numbers[entry.at(0).get<std::string>()] =
+          reader.take_array<double>(entry.at(1).get<std::uint64_t>());
+    for (const nlohmann::json& entry : header.at("integers"))
+      data.integers[entry.at(0).get<std::string>()] =
+          reader.take_array<std::uint64_t>(entry.at(1).get<std::uint64_t>());
+  } catch (const nlohmann::json::exception& error) {
+    reader.damaged(error.what());
+  }
+  return data;
+}
+
+void write_whole(const std::string& path, std::span<const std::byte> bytes) {
+  const std::string unfinished = path + ".new";
+  const auto fail = [&](const std::string& doing, int code) {
+    std::error_code ignored;
+    fs::remove(unfinished, ignored);
+    throw Error(ExitCode::output, fmt::format("{} cannot be {}: {}; check the space and permissions there",
+                                              path, doing, std::strerror(code)));
+  };
+  const int file = ::open(unfinished.c_str(), O_CREAT | O_TRUNC | O_WRONLY, 0666);
+  if (file < 0) fail("written", errno);
+  std::size_t done = 0;
+  int code = 0;
+  while (code == 0 && done < bytes.size()) {
+    const ssize_t written = ::write(file, bytes.data() + done, bytes.size() - done);
+    if (written >= 0)
+      done += static_cast<std::size_t>(written);
+    else if (errno != EINTR)
+      code = errno;
+  }
+  if (code == 0 && fsync(file) != 0 && errno != EINVAL) code = errno;
+  if (::close(file) != 0 && code == 0) code = errno;
+  if (code != 0) fail("written", code);
+  if (std::rename(unfinished.c_str(), path.c_str()) != 0) fail("given its name", errno);
+  const fs::path folder = fs::path(path).parent_path();
+  const int parent = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY);
+  if (parent < 0) return;  // the name survives a crash of the program all the same
+  fsync(parent);
+  ::close(parent);
+}
+
+CheckpointData read_checkpoint(const std::string& path) {
+  std::error_code failure;
+  if (!fs::exists(path, failure)) throw InputError(path + ": there is no such file to go on from");
+  return decode(starts_with(path, hdf5_magic) ? bytes_in_output(path) : bytes_of_file(path), path);
+}
+
+}  // namespace sweepvi
