@@ -165,9 +165,8 @@ void RowSource::copy_into(TableFile& file) {
     file.flush();
   }
   agree(comm_, trouble);
-  std::vector<std::uint64_t> sums;
-  for (const FieldReader& reader : readers)
-    sums.push_back(reader.sum());
+  std::vector<std::uint64_t> sums(readers.size());
+  std::transform(readers.begin(), readers.end(), sums.begin(), [](const FieldReader& r) { return r.sum(); });
   compare(sums);
 }
 
