@@ -158,9 +158,11 @@ void RowSource::copy_into(TableFile& file) {
     const std::uint64_t block_end = std::min(event + (1 << 16), mark_.events);
     for (; event < block_end; ++event)
       unless_trouble([&] {
+        const std::byte* bytes = readers.back().next();
+        if (rank != 0) return;
         Event next;
-        std::memcpy(&next, readers.back().next(), readers.back().row_bytes());
-        if (rank == 0) file.add_event(next);
+        std::memcpy(&next, bytes, sizeof next);
+        file.add_event(next);
       });
     file.flush();
   }
