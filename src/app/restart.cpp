@@ -15,7 +15,7 @@ namespace {
 
 constexpr const char* suffix = ".checkpoint";
 constexpr const char* while_running = ".partial";
-constexpr const char* while_restarted = ".partial.restarted";  // where `.partial` holds the earlier rows
+constexpr const char* while_restarted = ".restart";  // RowSource::partial_beside
 
 bool same_file(const fs::path& a, const fs::path& b) {
   std::error_code failure;
@@ -107,9 +107,8 @@ bool Restart::may_replace(const std::string& output) const {
 
 std::unique_ptr<Recorder> Restart::recorder(const std::string& output, bool force, const TimeSpec& time,
                                             std::int64_t every, const Dvi& dvi, Recording recording) {
-  const bool taken = same_file(rows_->path(), output + while_running);
-  const std::string partial =
-      fs::path(output).filename().string() + (taken ? while_restarted : while_running);
+  const std::string partial = rows_->partial_beside(output);
+  beside_ = partial != output + while_running;
   return std::make_unique<Recorder>(output, force || may_replace(output), time, every, dvi,
                                     std::move(recording), Recorder::Resume{*rows_, data_, partial});
 }
@@ -134,11 +133,12 @@ void Restart::put_counts(Summary& summary) const {
 }
 
 void Restart::release_rows(const std::string& output, Recorder& recorder) {
-  if (same_file(rows_->path(), output + while_running)) {
+  const std::string old = rows_->path();
+  if (beside_) {
     recorder.file().rename_partial();
-  } else if (same_file(rows_->path(), output + while_restarted)) {
+  } else if (same_file(old, output + while_restarted)) {
     std::error_code failure;
-    if (rank_ == 0) fs::remove(rows_->path(), failure);
+    if (rank_ == 0) fs::remove(old, failure);
   }
   rows_.reset();
 }

@@ -46,6 +46,7 @@ private:
   std::int64_t steps_done_ = 0;
   std::string started_;
   std::unique_ptr<RowSource> rows_;
+  bool beside_ = false;  // the new rows are not under their usual name yet
 };
 
 /// What a run leaves in order to be gone on with.
