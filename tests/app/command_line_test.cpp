@@ -93,8 +93,12 @@ TEST(CommandLine, ComplainsAboutWhatItCannotUse) {
       {{"run", "a.toml", "--sumary", "s"}, "'run' has no option --sumary; did you mean '--summary'?"},
       {{"run", "a.toml", "--zzz"}, "'run' has no option --zzz; known: -o, --set"},
       {{"run", "a.toml", "--"}, "'run' has no option --"},
-      {{"run", "a.toml", "--restart", "a.h5"}, "--restart is not built yet"},
-      {{"run", "a.toml", "--wall-limit=60"}, "--wall-limit is not built yet"},
+      {{"run", "a.toml", "--restart"}, "--restart needs a value: --restart FILE.h5"},
+      {{"check", "a.toml", "--restart", "a.h5"}, "'check' does not take --restart"},
+      {{"run", "a.toml", "--wall-limit=-1"}, "--wall-limit -1: expected a number of seconds, 0 or more"},
+      {{"run", "a.toml", "--wall-limit", "nan"}, "--wall-limit nan: expected a number of seconds"},
+      {{"run", "a.toml", "--wall-limit=1", "--wall-limit=2"},
+       "--wall-limit 1 and --wall-limit 2 contradict each other"},
       {{"check", "a.toml", "-o", "b.h5"}, "'check' does not take -o"},
       {{"check", "a.toml", "--force"}, "'check' does not take --force"},
       {{"solve", "a.toml", "--set", "a=1"}, "'solve' does not take --set"},
@@ -147,7 +151,9 @@ TEST(HelpText, NamesWhatTheParserTakesAndNothingElse) {
     Words taken, refused;
   };
   const Case cases[] = {
-      {Verb::run, {"-o FILE", "--set ", "--summary", "--force", "-ts_dt"}, {"--restart", "--wall-limit"}},
+      {Verb::run,
+       {"-o FILE", "--set ", "--summary", "--force", "-ts_dt", "--restart FILE", "--wall-limit SECONDS"},
+       {}},
       {Verb::check, {"--set "}, {"-o FILE", "--summary", "--force"}},
       {Verb::solve, {"-o FILE", "--summary", "--force"}, {"--set ", "-ts_dt"}},
       {Verb::info, {"versions"}, {"-o FILE", "--set "}}};
