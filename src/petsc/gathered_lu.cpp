@@ -44,14 +44,13 @@ public:
     if (!same_pattern || !gathering_) gather_pattern(comm, distributed);
     gather_values(comm, distributed);
     PCFailedReason reason = PC_NOERROR;
-    on_root(comm, [&] {
-      PetscErrorCode code = PCSetUp(lu_.get());
-      if (code == 0) code = PCGetFailedReason(lu_.get(), &reason);
-      return code;
-    });
-    int known = static_cast<int>(reason);
-    MPI_Bcast(&known, 1, MPI_INT, 0, comm);
-    return static_cast<PCFailedReason>(known);
+    return static_cast<PCFailedReason>(on_root(
+        comm,
+        [&] {
+          const PetscErrorCode code = PCSetUp(lu_.get());
+          return code == 0 ? PCGetFailedReason(lu_.get(), &reason) : code;
+        },
+        [&] { return static_cast<int>(reason); }));
   }
 
   /// @param solver  PCApply or PCApplyTranspose
@@ -59,19 +58,24 @@ public:
     const MPI_Comm comm = PetscObjectComm(reinterpret_cast<PetscObject>(right));
     check(VecScatterBegin(gathering_.get(), right, right_.get(), INSERT_VALUES, SCATTER_FORWARD));
     check(VecScatterEnd(gathering_.get(), right, right_.get(), INSERT_VALUES, SCATTER_FORWARD));
-    on_root(comm, [&] { return solver(lu_.get(), right_.get(), solution_.get()); });
+    on_root(
+        comm, [&] { return solver(lu_.get(), right_.get(), solution_.get()); }, [] { return 0; });
     check(VecScatterBegin(gathering_.get(), solution_.get(), solution, INSERT_VALUES, SCATTER_REVERSE));
     check(VecScatterEnd(gathering_.get(), solution_.get(), solution, INSERT_VALUES, SCATTER_REVERSE));
   }
 
 private:
-  /// Runs `work` where the matrix is; an error there is one on every rank.
-  template <class Work>
-  void on_root(MPI_Comm comm, Work&& work) const {
-    int code = 0;
-    if (matrix_ && !empty_) code = static_cast<int>(work());
-    MPI_Bcast(&code, 1, MPI_INT, 0, comm);
-    check(static_cast<PetscErrorCode>(code));
+  /// Runs `work` where the matrix is; an error there is one on every rank. @return rank 0's result
+  template <class Work, class Result>
+  int on_root(MPI_Comm comm, Work&& work, Result&& result) const {
+    std::array<int, 2> message{};  // code and result
+    if (matrix_ && !empty_) {
+      message[0] = static_cast<int>(work());
+      message[1] = result();
+    }
+    MPI_Bcast(message.data(), 2, MPI_INT, 0, comm);
+    check(static_cast<PetscErrorCode>(message[0]));
+    return message[1];
   }
 
   // Rows stand in rank order, so those of all ranks one after the other are the gathered matrix.
@@ -84,6 +88,9 @@ private:
       columns.insert(columns.end(), row_columns.begin(), row_columns.end());
     });
     refuse_too_many(comm, columns.size());
+    const auto entries = static_cast<int>(columns.size());
+    counts_ = gather(comm, std::vector<int>{entries});
+    starts_ = starts_of_pieces(counts_);
     lengths = gather(comm, lengths);
     columns = gather(comm, columns);
     Vector like;
@@ -109,11 +116,11 @@ private:
     for_each_row(distributed, [&](PetscInt, auto, auto row_values) {
       values.insert(values.end(), row_values.begin(), row_values.end());
     });
-    values = gather(comm, values);
-    if (!matrix_) return;
     PetscScalar* entries = nullptr;
-    check(MatSeqAIJGetArray(matrix_.get(), &entries));
-    std::copy(values.begin(), values.end(), entries);
+    if (matrix_) check(MatSeqAIJGetArray(matrix_.get(), &entries));
+    MPI_Gatherv(values.data(), static_cast<int>(values.size()), MPI_DOUBLE, entries, counts_.data(),
+                starts_.data(), MPI_DOUBLE, 0, comm);
+    if (!matrix_) return;
     check(MatSeqAIJRestoreArray(matrix_.get(), &entries));
     check(PetscObjectStateIncrease(reinterpret_cast<PetscObject>(matrix_.get())));
   }
@@ -128,10 +135,11 @@ private:
   }
 
   Preconditioner lu_;
-  Matrix matrix_;            // rank 0's
-  Scatter gathering_;        // of vectors to rank 0
-  Vector right_, solution_;  // all of them on rank 0, nothing on the others
-  bool empty_ = false;       // no rows at all: nothing to factor
+  Matrix matrix_;                     // rank 0's
+  Scatter gathering_;                 // of vectors to rank 0
+  Vector right_, solution_;           // all of them on rank 0, nothing on the others
+  std::vector<int> counts_, starts_;  // on rank 0: entries of each rank, where they stand in the matrix
+  bool empty_ = false;                // no rows at all: nothing to factor
 };
 
 GatheredLu& behind(PC pc) {
