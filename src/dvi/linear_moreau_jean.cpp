@@ -129,24 +129,25 @@ Matrix LinearMoreauJean::scaled(double m, double c, double k) const {
 }
 
 // [J  -d^-1 H' delta^-1; H  0]
-Matrix LinearMoreauJean::saddle(Mat J) const {
-  Vector nu;
-  check(MatCreateVecs(system_.H.get(), nullptr, nu.put()));
+Matrix LinearMoreauJean::saddle(Mat J) {
+  check(MatCreateVecs(system_.H.get(), nullptr, nu_.put()));
+  abs_nu_ = duplicate(nu_.get());
   {
-    const WriteArray values(nu.get());
+    const WriteArray values(nu_.get());
     for (std::size_t a = 0; a < delta_.size(); ++a)
       values[static_cast<PetscInt>(a)] = 1.0 / delta_[a];
   }
-  Matrix pushes = transpose(system_.H.get());
-  check(MatDiagonalScale(pushes.get(), scale_.get(), nu.get()));
-  const Stacked number(J, nu.get());
+  pushes_ = transpose(system_.H.get());
+  check(MatDiagonalScale(pushes_.get(), scale_.get(), nu_.get()));
+  abs_pushes_ = absolute_copy(pushes_.get());
+  const Stacked number(J, nu_.get());
   const LocalRange coordinates = row_range(J);
   const LocalRange constraints = row_range(system_.H.get());
   RowBuilder rows;
   for (PetscInt j = coordinates.first; j < coordinates.last; ++j) {
     for (const auto& [column, value] : get_row(J, j))
       rows.add(number.x(column), value);
-    for (const auto& [column, value] : get_row(pushes.get(), j))
+    for (const auto& [column, value] : get_row(pushes_.get(), j))
       rows.add(number.nu(column), -value);
     rows.end_row();
   }
@@ -281,26 +282,46 @@ void LinearMoreauJean::residual(Vec u, Vec f) {
 }
 
 // In contact H v is zero in exact arithmetic, while v itself is known up to the terms of its own row: of
-// those a tenth counts as the constraint's, too.
+// those a tenth counts as the constraint's, too. But not what impulses cancel among themselves, which can be
+// any amount more: a light ball under a heavy one, or constraints that contradict each other.
 void LinearMoreauJean::row_terms(Vec u, Vec terms) {
   absolute_values(u, work_.get());
+  if (dual_) take_pushes(work_.get(), abs_nu_.get());
   check(MatMultAdd(abs_matrix_.get(), work_.get(), rhs_terms_.get(), terms));
   if (!dual_) return;
-  check(VecCopy(terms, work_.get()));
+  check(VecCopy(u, work_.get()));
+  take_pushes(work_.get(), nu_.get());
+  check(MatMult(pushes_.get(), nu_.get(), part_.get()));
+  check(MatMult(abs_pushes_.get(), abs_nu_.get(), abs_.get()));
   {
+    const ReadArray known(terms);
+    const ReadArray net(part_.get());
     const WriteArray read(work_.get());
-    std::fill(read.data() + local_, read.data() + read.size(), 0.0);
+    std::fill(read.data(), read.data() + read.size(), 0.0);
+    for (PetscInt j = 0; j < local_; ++j)
+      read[j] = known[j] + std::abs(net[j]);
   }
   check(MatMult(abs_matrix_.get(), work_.get(), terms_.get()));
   const ReadArray spread(terms_.get());
+  const ReadArray pushed(abs_.get());
   const ReadArray values(u);
   const WriteArray result(terms);
+  for (PetscInt j = 0; j < local_; ++j)
+    result[j] += pushed[j];
   for (std::size_t a = 0; a < contacts_.size(); ++a) {
     if (pinned(a))
       result[row(a)] = std::abs(values[row(a)]);
     else
       result[row(a)] += inherited * spread[row(a)];
   }
+}
+
+// Moves the multipliers of u into a vector of their own.
+void LinearMoreauJean::take_pushes(Vec u, Vec nu) const {
+  const WriteArray values(u);
+  const WriteArray multipliers(nu);
+  for (PetscInt a = 0; a < multipliers.size(); ++a)
+    multipliers[a] = std::exchange(values[local_ + a], 0.0);
 }
 
 void LinearMoreauJean::jacobian(Vec, Mat jacobian) {

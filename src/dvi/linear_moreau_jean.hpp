@@ -38,7 +38,8 @@ public:
 private:
   void make_scales();
   Matrix scaled(double m, double c, double k) const;
-  Matrix saddle(Mat J) const;
+  Matrix saddle(Mat J);
+  void take_pushes(Vec u, Vec nu) const;
   void find_places();
   void find_rhs(const Step& step);
   void find_theta_forces(const std::vector<Forcing::Entry>& entries, const Step& step, Vec forces) const;
@@ -57,6 +58,8 @@ private:
   Matrix of_v_, abs_of_v_;                         // d^-1 (M - h (1-theta) C - h^2 theta (1-theta) K)
   Matrix of_q_, abs_of_q_;                         // -h d^-1 K
   Matrix circulatory_;                             // (K - K') / 2, or empty
+  Matrix pushes_, abs_pushes_;                     // d^-1 H' delta^-1, primal-dual
+  Vector nu_, abs_nu_;                             // multipliers alone, primal-dual
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
   std::vector<double> tested_;
