@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "dvi/stacked.hpp"
 #include "petsc/direct_solver.hpp"
@@ -50,7 +51,13 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   const Blocks blocks = make_blocks();
   check(MatCreateVecs(system.A.get(), x_.put(), phi_.put()));
   shift_ = duplicate(phi_.get());
+  push_ = duplicate(phi_.get());
   check(MatCreateVecs(blocks.E.get(), g_.put(), nullptr));
+  nu_ = duplicate(g_.get());
+  abs_nu_ = duplicate(g_.get());
+  E_ = Matrix::share(blocks.E.get());
+  abs_E_ = absolute_copy(blocks.E.get());
+  if (blocks.H) abs_H_ = absolute_copy(blocks.H.get());
   check(MatCreateVecs(relative_degree.Z.get(), nullptr, output_g_old_.put()));
   output_g_new_ = duplicate(output_g_old_.get());
   defect_ = duplicate(output_g_old_.get());
@@ -294,26 +301,70 @@ void PrimalDual::residual(Vec u, Vec f) {
   }
 }
 
-// A row of x may be made of residue alone: in contact, outputs below level r vanish, and states mixed of them
-// with them. What such a row reads is known only up to the terms of the rows below it, so a tenth of those
-// counts as its own: terms + |K|^{r-1} terms / 10, which leaves rows with terms of their own as they are.
-void PrimalDual::row_terms(Vec u, Vec terms) {
+// What x is known up to: the terms of its rows, where multipliers count by what is left of them together. They
+// may cancel to any amount - where constraints contradict each other, without end - and constraints then know
+// x far better than its rows do.
+//
+// A row may be made of residue alone: in contact, outputs vanish, and states mixed of them with them. What such
+// a row reads is known only up to the terms of the rows below it, so a tenth of those counts as its own:
+// terms + |K|^{r-1} terms / 10 (r at least 2), which leaves rows with terms of their own as they are.
+void PrimalDual::known_terms(Vec u, Vec terms) {
   check(VecCopy(u, work_.get()));
   check(VecAbs(work_.get()));
+  take_multipliers(work_.get(), abs_nu_.get());
   check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
-  if (with_levels_) {
-    check(VecCopy(terms, inherited_.get()));
-    for (int i = 1; i < relative_degree_.highest; ++i)
-      spread_terms(inherited_.get());
-    clear_multipliers(inherited_.get());
-    check(VecAXPY(terms, 0.1, inherited_.get()));
+  find_push(u);
+  add_states(push_.get(), terms);
+  if (abs_H_) {
+    check(MatMult(abs_H_.get(), abs_nu_.get(), nu_.get()));
+    const ReadArray own(nu_.get());
+    const WriteArray result(terms);
+    for (PetscInt q = 0; q < own.size(); ++q)
+      result[local_x_ + q] += own[q];
   }
+  check(VecCopy(terms, inherited_.get()));
+  for (int i = 1; i < std::max(2, relative_degree_.highest); ++i)
+    spread_terms(inherited_.get());
+  check(VecAXPY(terms, 0.1, inherited_.get()));
+}
+
+void PrimalDual::row_terms(Vec u, Vec terms) {
+  known_terms(u, terms);
+  check(VecScale(push_.get(), -1.0));  // its terms, in place of their sum
+  check(MatMultAdd(abs_E_.get(), abs_nu_.get(), push_.get(), push_.get()));
+  add_states(push_.get(), terms);
   const ReadArray values(u);
   const WriteArray result(terms);
   for (std::size_t q = 0; q < pinned_.size(); ++q) {
     const PetscInt row = local_x_ + static_cast<PetscInt>(q);
     if (pinned(q)) result[row] = std::abs(values[row]);
   }
+}
+
+// |E nu|, into push_.
+void PrimalDual::find_push(Vec u) {
+  {
+    const ReadArray values(u);
+    const WriteArray multipliers(nu_.get());
+    std::copy_n(values.data() + local_x_, multipliers.size(), multipliers.data());
+  }
+  check(MatMult(E_.get(), nu_.get(), push_.get()));
+  check(VecAbs(push_.get()));
+}
+
+void PrimalDual::add_states(Vec states, Vec terms) const {
+  const ReadArray from(states);
+  const WriteArray to(terms);
+  for (PetscInt i = 0; i < local_x_; ++i)
+    to[i] += from[i];
+}
+
+// Moves the multipliers of u into a vector of their own.
+void PrimalDual::take_multipliers(Vec u, Vec nu) const {
+  const WriteArray values(u);
+  const WriteArray multipliers(nu);
+  for (PetscInt q = 0; q < multipliers.size(); ++q)
+    multipliers[q] = std::exchange(values[local_x_ + q], 0.0);
 }
 
 bool PrimalDual::spread_terms(Vec terms) {

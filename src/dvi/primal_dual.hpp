@@ -63,6 +63,10 @@ private:
   void evaluate(Vec u, Vec f);
   void find_output_scale(Vec u);
   void clear_multipliers(Vec u) const;
+  void take_multipliers(Vec u, Vec nu) const;
+  void known_terms(Vec u, Vec terms);
+  void find_push(Vec u);
+  void add_states(Vec states, Vec terms) const;
   void evaluate_g(double t, Vec g);
   bool pinned(std::size_t q) const { return pinned_[q] != 0; }
   /// Local multiplier of the k-th upper wall.
@@ -84,10 +88,12 @@ private:
   PetscInt local_x_ = 0;
   bool has_increment_ = false;  // constant forcing: found once
   Matrix K_, abs_K_;
+  Matrix E_, abs_E_, abs_H_;  // H: empty without D
   Matrix cross_;       // Z D off its unit diagonal, levels below r; empty: no cross coupling
   Matrix completion_;  // I + cross_
   LinearSolver completion_solver_;
   Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
+  Vector push_, nu_, abs_nu_;  // layouts: x, multipliers
   Vector rhs_, rhs_terms_, work_, terms_, inherited_;
   std::vector<char> pinned_;           // local outputs
   std::uint64_t pinned_version_ = 0;   // counts changes of pinned_

@@ -14,7 +14,7 @@ namespace sweepvi {
 // own uncertainty through z_i = z_{i,k} + h z_{i+1}. Zx + g alone would not do: in contact all of Z x may be
 // residue.
 void PrimalDual::find_output_scale(Vec u) {
-  row_terms(u, terms_.get());
+  known_terms(u, terms_.get());
   clear_multipliers(terms_.get());
   check(MatMult(abs_K_.get(), terms_.get(), work_.get()));
   const ReadArray spread(work_.get());
