@@ -46,6 +46,8 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   output_scale_.assign(levels_.z.size(), 0.0);
   at_upper_.assign(upper_walls_.size(), 0);
   held_.assign(levels_.z.size(), 0);
+  open_.assign(levels_.z.size(), 0);
+  crossed_.assign(levels_.z.size(), 0);
   settled_z_.assign(levels_.z.size(), 0.0);
 
   const Blocks blocks = make_blocks();
@@ -175,13 +177,14 @@ void PrimalDual::find_cross_coupling() {
   RowBuilder rows;
   int any = 0;
   for (PetscInt row = outputs.first; row < outputs.last; ++row) {
+    const std::size_t q = static_cast<std::size_t>(row - outputs.first);
     const SparseRow values = get_row(product.get(), row);
     const SparseRow terms = get_row(magnitude.get(), row);  // same sparsity
-    for (std::size_t k = 0;
-         k < values.size() && last_level[static_cast<std::size_t>(row - outputs.first)] == 0; ++k) {
+    for (std::size_t k = 0; k < values.size() && last_level[q] == 0; ++k) {
       const auto [column, value] = values[k];
       if (column == row || std::abs(value) <= held_rtol * terms[k].second) continue;
       rows.add(column, value);
+      crossed_[q] = 1;
       any = 1;
     }
     rows.end_row();
@@ -301,12 +304,12 @@ void PrimalDual::residual(Vec u, Vec f) {
   }
 }
 
-// What x is known up to: the terms of its rows, where multipliers count by what is left of them together. They
-// may cancel to any amount - where constraints contradict each other, without end - and constraints then know
-// x far better than its rows do.
+// What x is known up to: the terms of its rows, where multipliers count by what is left of them together.
+// They may cancel to any amount - where constraints contradict each other, without end - and constraints then
+// know x far better than its rows do.
 //
-// A row may be made of residue alone: in contact, outputs vanish, and states mixed of them with them. What such
-// a row reads is known only up to the terms of the rows below it, so a tenth of those counts as its own:
+// A row may be made of residue alone: in contact, outputs vanish, and states mixed of them with them. What
+// such a row reads is known only up to the terms of the rows below it, so a tenth of those counts as its own:
 // terms + |K|^{r-1} terms / 10 (r at least 2), which leaves rows with terms of their own as they are.
 void PrimalDual::known_terms(Vec u, Vec terms) {
   check(VecCopy(u, work_.get()));

@@ -89,11 +89,11 @@ private:
   bool has_increment_ = false;  // constant forcing: found once
   Matrix K_, abs_K_;
   Matrix E_, abs_E_, abs_H_;  // H: empty without D
-  Matrix cross_;       // Z D off its unit diagonal, levels below r; empty: no cross coupling
-  Matrix completion_;  // I + cross_
+  Matrix cross_;              // Z D off its unit diagonal, levels below r; empty: no cross coupling
+  Matrix completion_;         // I + cross_
   LinearSolver completion_solver_;
   Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
-  Vector push_, nu_, abs_nu_;  // layouts: x, multipliers
+  Vector push_, nu_, abs_nu_;                                      // layouts: x, multipliers
   Vector rhs_, rhs_terms_, work_, terms_, inherited_;
   std::vector<char> pinned_;           // local outputs
   std::uint64_t pinned_version_ = 0;   // counts changes of pinned_
@@ -102,7 +102,9 @@ private:
   bool any_mixed_ = false;             // on some rank: an output made of several states
   bool any_remote_ = false;            // on some rank
   std::vector<double> unit_scale_;
+  std::vector<char> crossed_;         // outputs that measures of other constraints move
   std::vector<char> held_;            // outputs that stand at a bound
+  std::vector<char> open_;            // outputs that do not, though Z x + g cannot tell
   std::vector<char> at_upper_;        // upper walls they stand at
   std::vector<double> settled_z_;     // outputs, exact where held
   std::vector<double> net_;           // multipliers of the outputs, upper walls subtracted

@@ -31,23 +31,43 @@ void PrimalDual::find_output_scale(Vec u) {
 }
 
 // Which outputs stand at a bound of the step, up to rounding; their values, exact where held.
+//
+// Below level r, an output that Z x + g cannot tell from its bound is known better from AB (32): where no
+// measure acts on it, z_i = z_{i,k} + h z_{i+1}. So a mass that leaves its wall slowly, far from the origin,
+// does leave.
 void PrimalDual::find_held(Vec u) {
   find_output_scale(u);
   evaluate(u, work_.get());
   const ReadArray output(work_.get());
-  for (std::size_t q = 0; q < settled_z_.size(); ++q) {
-    const double z = output[local_x_ + static_cast<PetscInt>(q)];
-    held_[q] = !pinned(q) && std::abs(z) <= held_rtol * output_scale_[q] ? 1 : 0;
-    settled_z_[q] = held_[q] != 0 ? 0.0 : z;
-  }
-  for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
-    const std::size_t a = upper_walls_[k];
-    const std::size_t q = levels_.at(a, 1);
-    const double gap = output[local_x_ + upper_at(k)];
-    at_upper_[k] = std::abs(gap) <= held_rtol * (output_scale_[q] + levels_.upper[a]) ? 1 : 0;
-    if (at_upper_[k] == 0) continue;
-    held_[q] = 1;
-    settled_z_[q] = levels_.upper[a];
+  std::size_t wall = 0;
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    double fine = 0.0;  // what the next level is known up to
+    for (int i = levels_.levels(a); i >= 1; --i) {
+      const std::size_t q = levels_.at(a, i);
+      const double z = output[local_x_ + static_cast<PetscInt>(q)];
+      const bool follows = i < levels_.levels(a) && crossed_[q] == 0;
+      const double expected = follows ? levels_.z[q] + h_ * settled_z_[q + 1] : 0.0;
+      fine = follows ? std::abs(levels_.z[q]) + h_ * fine : output_scale_[q];
+      open_[q] = 0;
+      const bool near = !pinned(q) && std::abs(z) <= held_rtol * output_scale_[q];
+      if (near && follows && orientation(a, i) * expected > held_rtol * fine) open_[q] = 1;
+      held_[q] = near && open_[q] == 0 ? 1 : 0;
+      settled_z_[q] = held_[q] != 0 ? 0.0 : open_[q] != 0 ? expected : z;
+      if (i > 1 || wall == upper_walls_.size() || upper_walls_[wall] != a) continue;
+      const double reach = held_rtol * (output_scale_[q] + levels_.upper[a]);
+      at_upper_[wall] = std::abs(output[local_x_ + upper_at(wall)]) <= reach ? 1 : 0;
+      if (at_upper_[wall] != 0) {
+        if (follows && levels_.upper[a] - expected > held_rtol * (levels_.upper[a] + fine)) {
+          at_upper_[wall] = 0;
+          open_[q] = 1;
+          settled_z_[q] = expected;
+        } else {
+          held_[q] = 1;
+          settled_z_[q] = levels_.upper[a];
+        }
+      }
+      ++wall;
+    }
   }
 }
 
@@ -65,7 +85,7 @@ void PrimalDual::settle(Vec u) {
         double& nu = values[local_x_ + static_cast<PetscInt>(q)];
         const double away = orientation(a, i) * settled_z_[q];
         const double push = orientation(a, i) * nu;
-        if (pinned(q) || (away > 0.0 && away > push) || push < 0.0) nu = 0.0;
+        if (pinned(q) || (away > 0.0 && (away > push || open_[q] != 0)) || push < 0.0) nu = 0.0;
       }
     }
     for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
@@ -80,7 +100,8 @@ void PrimalDual::settle(Vec u) {
   recover_lower_measures(u);
 }
 
-// x -= sum d_{a,i} (z_{a,i} - bound) over the held outputs; twice, for what one of them leaves in another.
+// x -= sum d_{a,i} (z_{a,i} - what it is) over the outputs that are known better than by Z x + g; twice, for
+// what one of them leaves in another.
 void PrimalDual::project_held(Vec u) {
   for (int pass = 0; pass < 2; ++pass) {
     evaluate(u, work_.get());
@@ -89,7 +110,7 @@ void PrimalDual::project_held(Vec u) {
       const WriteArray residue(defect_.get());
       for (std::size_t q = 0; q < held_.size(); ++q) {
         const auto local = static_cast<PetscInt>(q);
-        residue[local] = held_[q] != 0 ? output[local_x_ + local] : 0.0;
+        residue[local] = held_[q] != 0 || open_[q] != 0 ? output[local_x_ + local] - settled_z_[q] : 0.0;
       }
       for (std::size_t k = 0; k < upper_walls_.size(); ++k)
         if (at_upper_[k] != 0)
@@ -103,17 +124,17 @@ void PrimalDual::project_held(Vec u) {
   }
 }
 
-// Held outputs that are single states: exactly on the bound.
+// Those that are single states: exactly.
 void PrimalDual::put_unit_outputs(Vec u) {
   SparseRow remote;
   {
     const ReadArray g(g_.get());
     const WriteArray values(u);
     for (std::size_t q = 0; q < held_.size(); ++q) {
-      if (held_[q] == 0 || unit_scale_[q] == 0.0) continue;
-      const double on_bound = (settled_z_[q] - g[static_cast<PetscInt>(q)]) / unit_scale_[q];
-      if (unit_state_[q] >= 0) values[unit_state_[q]] = on_bound;
-      if (unit_remote_[q] >= 0) remote.emplace_back(unit_remote_[q], on_bound);
+      if ((held_[q] == 0 && open_[q] == 0) || unit_scale_[q] == 0.0) continue;
+      const double known = (settled_z_[q] - g[static_cast<PetscInt>(q)]) / unit_scale_[q];
+      if (unit_state_[q] >= 0) values[unit_state_[q]] = known;
+      if (unit_remote_[q] >= 0) remote.emplace_back(unit_remote_[q], known);
     }
   }
   if (!any_remote_) return;
