@@ -90,6 +90,8 @@ public:
   /// Whether a certified point is one that the process takes, where its VI has several solutions: the others
   /// count as unsolved. The same on every rank.
   virtual bool admissible(Vec) { return true; }
+  /// Why not, if there is more to say about the point last asked for. The same on every rank.
+  virtual std::string refusal() { return {}; }
   /// Takes u as the state at t_{k+1}. `f` is F(u).
   virtual void accept(Vec u, Vec f) = 0;
 

@@ -23,6 +23,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
       forcing_(system, relative_degree),
       coordinates_(system, relative_degree) {
   levels_.allocate(relative_degree.degree, relative_degree.highest, system.wmax.get());
+  two_sided_ = static_cast<bool>(system.wmax);
   set_places(coordinates_.positions());
   for (Vector* vector : {&u_, &x_, &g_old_, &g_, &c_, &rhs_, &rhs_terms_, &work_})
     *vector = duplicate(system.x0.get());

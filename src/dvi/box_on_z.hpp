@@ -31,6 +31,7 @@ public:
   void visit(StateVisitor& visitor) override;
 
 private:
+  PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
   void place_forcing(double t, Vec g_x);
   void find_c(const Step& step);
   void add_completion(const Step& step);

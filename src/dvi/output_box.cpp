@@ -46,6 +46,7 @@ void OutputBox::settle(Vec u) {
   row_terms(u, terms_.get());
   const ReadArray terms(terms_.get());
   const WriteArray values(u);
+  crowded_ = {};
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
     // Terms seen through the levels above: z_i = z_{i,k} + h z_{i+1}, where z_{i+1} is only known up to its
     // own terms.
@@ -56,6 +57,8 @@ void OutputBox::settle(Vec u) {
       const Interval box = levels_.box(a, i);
       for (const double bound : {box.upper, box.lower})
         if (std::abs(values[at] - bound) <= held_rtol * scale) values[at] = bound;
+      if (i == 1 && (values[at] == box.lower || values[at] == box.upper))
+        stands_at_wall(a, held_rtol * scale);
     }
   }
 }

@@ -29,6 +29,7 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   levels_.allocate(with_levels_ ? relative_degree.degree : std::vector<int>(count, 1),
                    with_levels_ ? relative_degree.highest : std::max(1, relative_degree.highest),
                    system.wmax.get());
+  two_sided_ = static_cast<bool>(system.wmax);
   for (std::size_t a = 0; a < count; ++a)
     if (levels_.upper[a] < PETSC_INFINITY) upper_walls_.push_back(a);
   measure_per_nu_.assign(levels_.z.size(), 1.0);

@@ -47,6 +47,7 @@ public:
   const std::vector<double>& z() const override { return has_outputs_ ? levels_.z : no_outputs_; }
 
 private:
+  PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
   struct Blocks;  // E, G, H before they are assembled
   Blocks make_blocks() const;
   Matrix mirrored(Mat lower) const;

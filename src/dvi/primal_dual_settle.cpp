@@ -39,6 +39,7 @@ void PrimalDual::find_held(Vec u) {
   find_output_scale(u);
   evaluate(u, work_.get());
   const ReadArray output(work_.get());
+  crowded_ = {};
   std::size_t wall = 0;
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
     double fine = 0.0;  // what the next level is known up to
@@ -57,6 +58,7 @@ void PrimalDual::find_held(Vec u) {
       const double reach = held_rtol * (output_scale_[q] + levels_.upper[a]);
       at_upper_[wall] = std::abs(output[local_x_ + upper_at(wall)]) <= reach ? 1 : 0;
       if (at_upper_[wall] != 0) {
+        stands_at_wall(a, reach);
         if (follows && levels_.upper[a] - expected > held_rtol * (levels_.upper[a] + fine)) {
           at_upper_[wall] = 0;
           open_[q] = 1;

@@ -65,11 +65,17 @@ void ZdBox::allocate() {
   }
   MPI_Allreduce(MPI_IN_PLACE, &highest, 1, MPI_INT, MPI_MAX, comm());
   const Vector wmax = make_vector(comm(), static_cast<PetscInt>(constraints_.size()));
+  check(VecGetOwnershipRange(wmax.get(), &first_constraint_, nullptr));
+  int walls_above = 0;
   {
     const WriteArray walls(wmax.get());
-    for (std::size_t a = 0; a < constraints_.size(); ++a)
+    for (std::size_t a = 0; a < constraints_.size(); ++a) {
       walls[static_cast<PetscInt>(a)] = constraints_[a].wmax;
+      if (constraints_[a].wmax < PETSC_INFINITY) walls_above = 1;
+    }
   }
+  MPI_Allreduce(MPI_IN_PLACE, &walls_above, 1, MPI_INT, MPI_LOR, comm());
+  two_sided_ = walls_above != 0;
   levels_.allocate(degrees, highest, wmax.get());
   set_places(std::move(places));
 }

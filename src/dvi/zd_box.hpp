@@ -31,6 +31,7 @@ public:
 
 private:
   ZdBox(const ZdSystem& system, const TimeGrid& grid, Vector state);
+  PetscInt number_of(std::size_t a) const override { return first_constraint_ + static_cast<PetscInt>(a); }
   void allocate();
   void check_levels() const;
   void make_linearisation();
@@ -44,6 +45,7 @@ private:
 
   const ZdSystem& system_;
   std::vector<ZdSystem::Constraint> constraints_;
+  PetscInt first_constraint_ = 0;  // global number
   ZdJacobian derivative_;
   double t_new_ = 0.0;
   std::uint64_t version_ = 0;

@@ -325,7 +325,10 @@ StepReport StepSolver::solve(const Step& step) {
     report.residual = worst_ratio(u_.get());
     const bool solved = report.residual <= certificate_.rtol;
     report.certified = solved && problem_.admissible(u_.get());
-    if (solved && !report.certified) report.reason += ", at a solution on a branch that the process refuses,";
+    if (solved && !report.certified) {
+      report.reason += ", at a solution on a branch that the process refuses,";
+      report.obstacle = problem_.refusal();
+    }
     report.predicted = predicted && attempts == 1 && iterations == 0;
     if (report.certified) {
       report.iterations = iterations;
