@@ -92,6 +92,8 @@ public:
   virtual bool admissible(Vec) { return true; }
   /// Why not, if there is more to say about the point last asked for. The same on every rank.
   virtual std::string refusal() { return {}; }
+  /// What is behind a step that no attempt could solve, as far as the process knows; empty otherwise.
+  virtual std::string diagnosis() { return {}; }
   /// Takes u as the state at t_{k+1}. `f` is F(u).
   virtual void accept(Vec u, Vec f) = 0;
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <string>
 #include <vector>
 
 #include "sweepvi/linear_system.hpp"
@@ -48,6 +50,11 @@ struct MarkovReport {
     positive_semidefinite,
     not_checked
   } solvability = Solvability::positive_definite;
+  std::array<PetscInt, 8> doubtful{};  ///< the first constraints of the group that made it worst
+  int doubtful_count = 0;
+
+  /// What a step that could not be solved may owe to the matrix; empty where each step has a solution.
+  std::string diagnosis() const;
 };
 
 /// @throws Error (bad_input) on every rank if lambda never reaches a constraint, or if D stands beside a

@@ -62,8 +62,9 @@ struct StepReport {
   int attempts = 0;            ///< made in all
   std::string reason;          ///< the solver's own word on the last attempt
   std::string linear_failure;  ///< why linear systems could not be solved, and in how many attempts; or empty
-  std::string obstacle;  ///< why there is no solution, where that is proved (no attempt was made then), or
-                         ///< why the process does not take the one found
+  std::string obstacle;   ///< why there is no solution, where that is proved (no attempt was made then), or
+                          ///< why the process does not take the one found
+  std::string diagnosis;  ///< what may be behind a step that no attempt could solve
 };
 
 /// Solves the box VI of one step with SNESVI and certifies the result row by row:

@@ -27,10 +27,11 @@ std::string failure_text(const TimeMarch& march, const StepReport& report) {
   return fmt::format(
       "step {}, t = {:.6g} s: the step could not be certified: {} after {} iterations in {} attempts, "
       "residual {:.3g} of "
-      "the row terms (asked for {:.3g}). Everything before it is in the output. Try a smaller time.step, or "
+      "the row terms (asked for {:.3g}). {}Everything before it is in the output. Try a smaller time.step, "
+      "or "
       "-snes_vi_monitor to watch the active set",
       number, t, report.reason, report.iterations, report.attempts, report.residual,
-      march.solver().certificate().rtol);
+      march.solver().certificate().rtol, report.diagnosis.empty() ? "" : report.diagnosis + ". ");
 }
 
 // Rows that a killed run left can still be gone on with; a new run of the same name would overwrite them.

@@ -1,9 +1,12 @@
 #include "dvi/linear_moreau_jean.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
+#include "dvi/empty_polyhedron.hpp"
 #include "dvi/form_option.hpp"
 #include "dvi/stacked.hpp"
 #include "petsc/sparse.hpp"
@@ -349,6 +352,34 @@ void LinearMoreauJean::settle(Vec u) {
       if (pinned(a) || value < 0.0 || open) value = 0.0;
     }
   }
+}
+
+// M is positive definite: what can go wrong is that no velocity suits all constraints that are closed.
+std::string LinearMoreauJean::diagnosis() {
+  const LocalRange constraints = row_range(system_.H.get());
+  RowBuilder rows;
+  std::vector<PetscInt> numbers;
+  std::vector<double> bounds;
+  for (std::size_t a = 0; a < contacts_.size(); ++a) {
+    if (!contacts_.detected(a)) continue;
+    rows.add(get_row(system_.H.get(), constraints.first + static_cast<PetscInt>(a)));
+    rows.end_row();
+    numbers.push_back(system_.constraint_order[a]);
+    bounds.push_back(contacts_.rebound(a));
+  }
+  const Matrix closed = rows.finish(comm(), local_);
+  const Vector least = make_vector(comm(), static_cast<PetscInt>(bounds.size()));
+  {
+    const WriteArray values(least.get());
+    std::copy(bounds.begin(), bounds.end(), values.data());
+  }
+  const Vector terms = duplicate(least.get());
+  check(VecCopy(least.get(), terms.get()));
+  check(VecAbs(terms.get()));
+  const auto contradiction = find_contradiction(closed.get(), least.get(), terms.get(), v_.get(), numbers);
+  if (!contradiction) return {};
+  return fmt::format("Constraints {} contradict each other: no velocity has H v+ >= -e H v- in all of them",
+                     fmt::join(contradiction->faces, ", "));
 }
 
 void LinearMoreauJean::accept(Vec u, Vec) {

@@ -31,6 +31,7 @@ public:
   std::uint64_t jacobian_version() const override { return version_; }
   Degenerate degenerate() const override { return dual_ ? Degenerate::off_bound : Degenerate::at_bound; }
   void settle(Vec u) override;
+  std::string diagnosis() override;
   void accept(Vec u, Vec f) override;
   Energy energy() override;
   void visit(StateVisitor& visitor) override;

@@ -44,6 +44,7 @@ public:
   void accept(Vec u, Vec f) override;
   void visit(StateVisitor& visitor) override;
 
+  std::string diagnosis() override { return check_markov_matrix(system_, relative_degree_).diagnosis(); }
   const std::vector<double>& z() const override { return has_outputs_ ? levels_.z : no_outputs_; }
 
 private:

@@ -58,15 +58,18 @@ bool all_principal_minors_positive(const Eigen::MatrixXd& m) {
   return true;
 }
 
-Solvability worse(Solvability a, Solvability b) {
-  return static_cast<int>(a) > static_cast<int>(b) ? a : b;
-}
-
 std::string list(const std::vector<PetscInt>& numbers) {
   std::string text;
   for (std::size_t i = 0; i < numbers.size() && i < 10; ++i)
     text += (i > 0 ? ", " : "") + std::to_string(numbers[i]);
   return numbers.size() > 10 ? text + ", ..." : text;
+}
+
+void take(MarkovReport& report, Solvability found, const std::vector<PetscInt>& names) {
+  if (static_cast<int>(found) <= static_cast<int>(report.solvability)) return;
+  report.solvability = found;
+  report.doubtful_count = static_cast<int>(std::min(names.size(), report.doubtful.size()));
+  std::copy_n(names.begin(), report.doubtful_count, report.doubtful.begin());
 }
 
 /// Constraints that take part in the null space of a singular group.
@@ -107,9 +110,7 @@ void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet
     names.push_back(scene_number[static_cast<std::size_t>(i)]);
   if (size > dense_limit) {
     report.condition_known = false;
-    report.solvability =
-        worse(report.solvability, symmetric_part_is_definite(group, entries) ? Solvability::positive_definite
-                                                                             : Solvability::not_checked);
+    if (!symmetric_part_is_definite(group, entries)) take(report, Solvability::not_checked, names);
     return;
   }
   Eigen::MatrixXd m = Eigen::MatrixXd::Zero(size, size);
@@ -137,21 +138,37 @@ void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet
     report.condition = std::numeric_limits<double>::infinity();
   if (lowest > 0.0) return;
   if (first_order && lowest >= -singular_rtol * largest) {
-    report.solvability = worse(report.solvability, Solvability::positive_semidefinite);
+    take(report, Solvability::positive_semidefinite, names);
   } else if (size <= minors_limit) {
     if (!all_principal_minors_positive(m) && !first_order)
       throw InputError(
           "model: the leading Markov matrix C A^{r-1} B of constraints " + list(names) +
           " is not a P-matrix (a principal minor is not positive): a step could have no solution, or "
           "several; check the signs of B and C");
-    report.solvability =
-        worse(report.solvability, first_order ? Solvability::not_checked : Solvability::p_matrix);
+    take(report, first_order ? Solvability::not_checked : Solvability::p_matrix, names);
   } else {
-    report.solvability = worse(report.solvability, Solvability::not_checked);
+    take(report, Solvability::not_checked, names);
   }
 }
 
 }  // namespace
+
+std::string MarkovReport::diagnosis() const {
+  const std::string who =
+      list({doubtful.begin(), doubtful.begin() + doubtful_count}) + (doubtful_count == 8 ? ", ..." : "");
+  switch (solvability) {
+    case Solvability::positive_definite:
+    case Solvability::p_matrix:
+      return {};
+    case Solvability::positive_semidefinite:
+      return "The leading Markov matrix of constraints " + who +
+             " is only positive semidefinite: a step in which they contradict each other has no solution";
+    case Solvability::not_checked:
+      return "The leading Markov matrix of constraints " + who +
+             " is not known to be a P-matrix: a step may have no solution, or several";
+  }
+  return {};
+}
 
 MarkovReport check_markov_matrix(const LinearSystem& system, const RelativeDegree& relative_degree) {
   const MPI_Comm comm = system.comm();

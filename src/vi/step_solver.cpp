@@ -344,6 +344,7 @@ StepReport StepSolver::solve(const Step& step) {
   }
   best.iterations = iterations;
   best.linear_failure = linear_failure();
+  if (best.obstacle.empty()) best.diagnosis = problem_.diagnosis();
   check(VecCopy(best_point.get(), u_.get()));
   problem_.residual(u_.get(), f_.get());
   return best;
