@@ -227,8 +227,16 @@ ExitCode Run::go() {
   check(SNESGetType(march_->solver().snes(), &snes_type));
   summary_.snes_type = snes_type;
   summary_.seconds_setup = MPI_Wtime() - begin_;
-  march();
-  conclude();
+  try {
+    march();
+    conclude();
+  } catch (const Error& error) {
+    std::error_code failure;
+    if (error.code() != ExitCode::output || !std::filesystem::exists(checkpointing_->path(), failure)) throw;
+    throw Error(ExitCode::output, fmt::format("{}. What was computed up to the last checkpoint is kept: go on "
+                                              "with --restart {}",
+                                              error.what(), checkpointing_->path()));
+  }
   tell();
   if (!report_.certified) throw Error(ExitCode::unsolved, failure_text(*march_, report_));
   if (stopped_)
