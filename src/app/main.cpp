@@ -23,7 +23,6 @@ ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
   }
   switch (line.verb) {
     case app::Verb::run:
-      app::note_signals();
       return app::run(comm, line);
     case app::Verb::check:
       return app::check_scene(comm, line);
@@ -55,7 +54,8 @@ int main(int argc, char** argv) {
   std::vector<std::string> words = bad_usage ? std::vector<std::string>{} : line.petsc_words;
   if (line.help_requested && !line.scene.empty()) words.emplace_back("-help");
 
-  signal(SIGXFSZ, SIG_IGN);  // a file at its size limit is a failed write, not a death
+  if (line.verb == app::Verb::run) app::note_signals();  // MPI and PETSc take their time to start
+  signal(SIGXFSZ, SIG_IGN);                              // a file at its size limit is a failed write, not a death
   ExitCode code = ExitCode::internal;
   std::optional<Session> opened;
   try {
