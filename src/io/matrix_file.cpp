@@ -8,7 +8,9 @@
 #include <numeric>
 #include <utility>
 
+#include "io/hdf5_guard.hpp"
 #include "io/hdf5_handle.hpp"
+#include "parallel/memory.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -21,7 +23,7 @@ double SparseEntries::entry(std::int64_t i, std::int64_t j) const {
 }
 namespace {
 
-constexpr hsize_t most_rows = std::numeric_limits<std::int32_t>::max();
+constexpr hsize_t most = std::numeric_limits<std::int32_t>::max();  // of rows, of columns, of entries
 
 /// "m.h5: /A", as messages name it.
 std::string place(const std::string& path, const std::string& dataset) {
@@ -102,6 +104,22 @@ void check_finite(const double* values, std::size_t count, const std::string& wh
                    "]");
 }
 
+/// A damaged file may claim any size; and whoever makes a matrix of a size, and never writes it, would wait
+/// for its zeros. Data kept in other files stay unchecked.
+void check_extent(hid_t dataset, const std::vector<hsize_t>& shape, const std::string& where) {
+  const Hdf5Properties creation(H5Dget_create_plist(dataset));
+  if (H5Pget_layout(creation.get()) == H5D_VIRTUAL || H5Pget_external_count(creation.get()) != 0) return;
+  constexpr double best_compression = 2000.0;  // deflate: 1032
+  hsize_t file_bytes = 0;
+  H5Fget_filesize(Hdf5Object(H5Iget_file_id(dataset)).get(), &file_bytes);
+  double bytes = sizeof(double);
+  for (const hsize_t extent : shape)
+    bytes *= double(extent);
+  if (bytes > best_compression * double(file_bytes))
+    throw InputError(where + " has " + text(shape) + ", which a file of " + std::to_string(file_bytes) +
+                     " bytes cannot hold; store a matrix of few entries as a sparse one");
+}
+
 template <class T>
 std::vector<T> read_column(hid_t object, const std::string& where, hid_t type) {
   if (H5Iget_type(object) != H5I_DATASET)
@@ -111,7 +129,12 @@ std::vector<T> read_column(hid_t object, const std::string& where, hid_t type) {
   const bool flat = shape.size() == 1 || (shape.size() == 2 && std::min(shape[0], shape[1]) == 1);
   if (!flat) throw InputError(where + " has " + text(shape) + "; a vector is expected here");
   check_numbers(object, where, std::is_integral_v<T>);
-  std::vector<T> values(std::size_t(H5Sget_simple_extent_npoints(space.get())));
+  check_extent(object, shape, where);
+  const hsize_t length = shape.size() == 1 ? shape[0] : std::max(shape[0], shape[1]);
+  if (length > most)
+    throw InputError(where + " has " + text(shape) + "; expected at most 2147483647 entries");
+  require_memory(double(sizeof(T)) * double(length), where + ": " + text(shape) + " takes");
+  std::vector<T> values(static_cast<std::size_t>(length));
   if (H5Dread(object, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0)
     throw InputError(where + " cannot be read: " + hdf5_reason());
   if constexpr (std::is_floating_point_v<T>) check_finite(values.data(), values.size(), where, 0, 0);
@@ -119,7 +142,7 @@ std::vector<T> read_column(hid_t object, const std::string& where, hid_t type) {
 }
 
 void check_size(const std::string& where, hsize_t rows, hsize_t cols) {
-  if (rows < 1 || cols < 1 || rows > most_rows || cols > most_rows)
+  if (rows < 1 || cols < 1 || rows > most || cols > most)
     throw InputError(where + " has " + text({rows, cols}) + "; expected 1 to 2147483647 rows and columns");
 }
 
@@ -131,6 +154,8 @@ SparseEntries read_dense(hid_t dataset, const std::string& where) {
   const hsize_t rows = shape[0], cols = shape[1];
   check_size(where, rows, cols);
   check_numbers(dataset, where, false);
+  check_extent(dataset, shape, where);
+  require_memory(8.0 * double(rows), where + ": " + text(shape) + " takes");
   SparseEntries matrix{std::int64_t(rows), std::int64_t(cols), {0}, {}, {}};
   // Some rows at a time: the zeros of a large matrix need not be in memory all at once.
   const hsize_t block = std::clamp((hsize_t{1} << 20) / cols, hsize_t{1}, rows);
@@ -151,6 +176,8 @@ SparseEntries read_dense(hid_t dataset, const std::string& where) {
       }
       matrix.row_starts.push_back(std::int64_t(matrix.values.size()));
     }
+    if (matrix.values.size() > most)
+      throw InputError(where + " has more than 2147483647 entries that are not 0; that is the most");
   }
   return matrix;
 }
@@ -193,7 +220,7 @@ SparseEntries read_sparse(hid_t group, const std::string& path, const std::strin
   if (!attribute || H5Sget_simple_extent_npoints(space.get()) != 2 ||
       H5Aread(attribute.get(), H5T_NATIVE_INT64, shape) < 0)
     throw InputError(where + " should have the attribute shape with two whole numbers, rows and columns");
-  if (shape[0] < 1 || shape[1] < 1 || hsize_t(std::max(shape[0], shape[1])) > most_rows)
+  if (shape[0] < 1 || shape[1] < 1 || hsize_t(std::max(shape[0], shape[1])) > most)
     throw InputError(where + ": the attribute shape is (" + std::to_string(shape[0]) + ", " +
                      std::to_string(shape[1]) + "); expected 1 to 2147483647 rows and columns");
 
@@ -233,6 +260,7 @@ SparseEntries read_sparse(hid_t group, const std::string& path, const std::strin
 
 SparseEntries read_hdf5_matrix(const std::string& path, const std::string& dataset) {
   const QuietHdf5 quiet;
+  const Hdf5Guard guard(path);
   const Hdf5File file = open_file(path);
   const Hdf5Object object = open_object(file.get(), path, dataset);
   switch (H5Iget_type(object.get())) {
@@ -247,6 +275,7 @@ SparseEntries read_hdf5_matrix(const std::string& path, const std::string& datas
 
 std::vector<double> read_hdf5_vector(const std::string& path, const std::string& dataset) {
   const QuietHdf5 quiet;
+  const Hdf5Guard guard(path);
   const Hdf5File file = open_file(path);
   const Hdf5Object object = open_object(file.get(), path, dataset);
   return read_column<double>(object.get(), place(path, dataset), H5T_NATIVE_DOUBLE);

@@ -11,12 +11,13 @@
 #include <string_view>
 
 #include "io/matrix_file.hpp"
+#include "parallel/memory.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
 namespace {
 
-constexpr std::int64_t most_rows = std::numeric_limits<std::int32_t>::max();
+constexpr std::int64_t most = std::numeric_limits<std::int32_t>::max();  // of rows, of columns, of entries
 
 enum class Symmetry { general, symmetric, skew };
 
@@ -34,7 +35,10 @@ std::string read_whole(const std::string& path) {
     throw InputError(path + " is a folder; a MatrixMarket file is needed");
   std::ifstream file(path, std::ios::binary);
   if (!file) throw InputError(path + ": the file cannot be opened; check its permissions");
-  std::string text(std::size_t(std::filesystem::file_size(path, error)), '\0');
+  const std::uintmax_t bytes = std::filesystem::file_size(path, error);
+  if (error) throw InputError(path + " is not a file with a length; a MatrixMarket file is needed");
+  require_memory(double(bytes), path + " takes");
+  std::string text(std::size_t(bytes), '\0');
   file.read(text.data(), std::streamsize(text.size()));
   if (file.bad() || std::size_t(file.gcount()) != text.size())
     throw InputError(path + ": the file cannot be read");
@@ -286,13 +290,16 @@ SparseEntries read_matrix_market(const std::string& path) {
   const std::int64_t rows = scan.whole("the number of rows"), cols = scan.whole("the number of columns");
   const std::int64_t count = banner.coordinate ? scan.whole("the number of entries") : 0;
   scan.end_of_line(banner.coordinate ? "the size, ROWS COLUMNS ENTRIES" : "the size, ROWS COLUMNS");
-  if (rows < 1 || cols < 1 || rows > most_rows || cols > most_rows)
+  if (rows < 1 || cols < 1 || rows > most || cols > most)
     scan.refuse("the size is " + std::to_string(rows) + " x " + std::to_string(cols) +
                 "; expected 1 to 2147483647 rows and columns");
   if (count < 0) scan.refuse("the number of entries is " + std::to_string(count) + ", it cannot be negative");
+  if (count > most)
+    scan.refuse("the number of entries is " + std::to_string(count) + "; expected at most 2147483647");
   if (banner.symmetry != Symmetry::general && rows != cols)
     scan.refuse("the first line says the matrix is symmetric or skew-symmetric, but its size is " +
                 std::to_string(rows) + " x " + std::to_string(cols) + "; it should be square");
+  require_memory(8.0 * double(rows), path + ": a matrix of " + std::to_string(rows) + " rows takes");
   const Triplets entries = banner.coordinate ? read_coordinate(scan, banner, rows, cols, count)
                                              : read_array(scan, banner, rows, cols);
   SparseEntries matrix = compress(entries, banner.symmetry, rows, cols);
@@ -308,7 +315,9 @@ std::vector<double> read_matrix_market_vector(const std::string& path) {
     throw InputError(path + ": a vector is expected here, and the file holds a " +
                      std::to_string(matrix.rows) + " x " + std::to_string(matrix.cols) +
                      " matrix; give it one column or one row");
-  std::vector<double> vector(std::size_t(std::max(matrix.rows, matrix.cols)), 0.0);
+  const std::int64_t length = std::max(matrix.rows, matrix.cols);
+  require_memory(8.0 * double(length), path + ": a vector of length " + std::to_string(length) + " takes");
+  std::vector<double> vector(std::size_t(length), 0.0);
   for (std::size_t i = 0; i < std::size_t(matrix.rows); ++i)
     for (auto k = std::size_t(matrix.row_starts[i]); k < std::size_t(matrix.row_starts[i + 1]); ++k)
       vector[std::max(i, std::size_t(matrix.columns[k]))] = matrix.values[k];

@@ -1,7 +1,6 @@
 #include "io/toml_table.hpp"
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include <algorithm>
 #include <cctype>
@@ -15,6 +14,7 @@
 #include <tuple>
 
 #include "io/checksum.hpp"
+#include "io/toml_library.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -62,6 +62,22 @@ std::string place(const std::string& file, const toml::source_region& source) {
   return source.begin ? fmt::format("{}:{}:{}", file, source.begin.line, source.begin.column) : file;
 }
 
+/// toml++ limits how deep values nest, but not the tables that a dotted key makes; it destroys them
+/// recursively.
+void refuse_deep_keys(const std::string& text, const std::string& label) {
+  constexpr int most_words = 1000;
+  int words = 1;
+  int line = 1;
+  for (const char c : text) {
+    if (c == '\n') ++line;
+    if (c == '.') ++words;
+    if (std::string_view("\n=,[]{}").find(c) != std::string_view::npos) words = 1;
+    if (words > most_words)
+      throw InputError(fmt::format("{}:{}: more than {} dots in a row; keys do not nest that deep", label,
+                                   line, most_words));
+  }
+}
+
 std::vector<std::string> split_key(const std::string& key, const std::string& label) {
   std::vector<std::string> words(1);
   for (const char c : key) {
@@ -100,6 +116,8 @@ std::optional<toml::table> parse_assignment(const std::vector<std::string>& word
 
 void override_value(toml::table& root, const std::string& key, const std::string& value) {
   const std::string label = fmt::format("{}{}={}", override_mark, key, shortened(value));
+  refuse_deep_keys(key, label);
+  refuse_deep_keys(value, label);
   const std::vector<std::string> words = split_key(key, label);
   std::optional<toml::table> parsed = parse_assignment(words, key, value, label);
   if (!parsed) {  // a string without quotes
@@ -135,6 +153,7 @@ TomlValue TomlValue::parse(const std::string& file, const std::string& text,
   auto document = std::make_shared<Document>();
   document->file = file;
   document->load_files = load_files;
+  refuse_deep_keys(text, file);
   try {
     document->root = toml::parse(text, file);
   } catch (const toml::parse_error& error) {
