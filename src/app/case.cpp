@@ -1,12 +1,14 @@
 #include "app/case.hpp"
 
 #include "app/options.hpp"
+#include "app/room.hpp"
 
 namespace sweepvi::app {
 
 Scene load(MPI_Comm comm, const CommandLine& line) {
   Scene scene = read_scene(comm, line.scene, line.overrides);
   insert_scene_options(line, scene.petsc_options, scene.petsc_options_set);
+  require_room(comm, scene);
   return scene;
 }
 

@@ -2,8 +2,10 @@
 
 #include "app/case.hpp"
 #include "app/options.hpp"
+#include "app/room.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
+#include "parallel/memory.hpp"
 #include "sweepvi/time_march.hpp"
 
 namespace sweepvi::app {
@@ -37,15 +39,10 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   row("Jacobian nonzeros",
       fmt::format("{} ({:.3g} per unknown)", counts.jacobian_nonzeros, nonzeros / unknowns));
   if (ranks > 1) row("edge cut", fmt::format("{} couplings between {} ranks", model->edge_cut(), ranks));
-  // K, |K|, the Jacobian, its reduced copy: 12 B an entry; about 30 vectors; the factor is a guess for
-  // chain-like fill.
-  const double matrices = 4.0 * 12.0 * nonzeros;
-  const double vectors = 30.0 * 8.0 * unknowns;
-  const double factor = 5.0 * 12.0 * nonzeros;
+  const Memory memory = available_memory();
   row("memory estimate",
-      fmt::format(
-          "{:.3g} MB over all ranks, and about {:.3g} MB for the factorization (chains; more on lattices)",
-          (matrices + vectors) / 1e6, factor / 1e6));
+      fmt::format("{} over all ranks; {} {}", memory_text(estimated_memory(ranks, unknowns, nonzeros)),
+                  memory_text(memory.node), memory.source));
   return ExitCode::done;
 }
 

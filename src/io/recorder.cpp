@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <numeric>
 
 #include "io/rungs_field.hpp"
@@ -53,7 +54,13 @@ std::vector<FieldSpec> Recorder::fields(MPI_Comm comm, const std::vector<Column>
   const auto integer = FieldSpec::Type::integer;
   std::vector<FieldSpec> specs = {
       {"/t", real, {}, 0, 0, "s", "time"},
-      {"/solver/iterations", integer, {}, 0, 0, "1", "Newton iterations since the last row"},
+      {"/solver/iterations",
+       integer,
+       {},
+       0,
+       0,
+       "1",
+       "Newton iterations since the last row; 2147483647: so many or more"},
       {"/solver/seconds", real, {}, 0, 0, "s", "wall time of the steps since the last row"},
       {"/solver/residual", real, {}, 0, 0, "1", "worst certificate ratio since the last row"},
       {"/solver/active", integer, {}, 0, 0, "1", "constraints in contact"},
@@ -195,7 +202,9 @@ void Recorder::write_row(double time) {
   std::int64_t in_contact = dvi_.active();
   MPI_Allreduce(MPI_IN_PLACE, &in_contact, 1, MPI_INT64_T, MPI_SUM, comm_);
   file_.real(Field::t)[0] = time;
-  file_.integer(Field::iterations)[0] = static_cast<std::int32_t>(iterations_);
+  // Rows may be far apart; the dataset has 32 bits.
+  constexpr double most = std::numeric_limits<std::int32_t>::max();
+  file_.integer(Field::iterations)[0] = static_cast<std::int32_t>(std::min(iterations_, most));
   file_.real(Field::seconds)[0] = seconds_;
   file_.real(Field::residual)[0] = residual_;
   file_.integer(Field::active)[0] = static_cast<std::int32_t>(in_contact);

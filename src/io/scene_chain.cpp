@@ -103,10 +103,13 @@ std::int64_t read_count(const TomlValue& count, std::size_t states, Topology top
   const std::int64_t value = count.integer();
   const bool ring = topology == Topology::ring;
   const std::int64_t least = ring ? 3 : 1;
-  const std::int64_t most = std::numeric_limits<PetscInt>::max() / static_cast<std::int64_t>(states);
+  // A step has at most as many multipliers as states.
+  const std::int64_t most = std::numeric_limits<PetscInt>::max() / (2 * static_cast<std::int64_t>(states));
   if (value < least)
     count.fail(fmt::format("= {}; expected at least {}{}", value, least, ring ? " in a ring" : ""));
-  if (value > most) count.fail(fmt::format("= {}; expected at most {}", value, most));
+  if (value > most)
+    count.fail(fmt::format("= {}; expected at most {}, with {} states each and unknowns counted in {} bits",
+                           value, most, states, 8 * sizeof(PetscInt)));
   return value;
 }
 

@@ -16,18 +16,11 @@ std::vector<int> counts_on_root(MPI_Comm comm, PetscInt mine) {
   return gather(comm, std::vector<int>{static_cast<int>(mine)});
 }
 
-std::vector<int> starts_of(const std::vector<int>& counts) {
-  std::vector<int> starts(counts.size(), 0);
-  for (std::size_t i = 1; i < counts.size(); ++i)
-    starts[i] = starts[i - 1] + counts[i - 1];
-  return starts;
-}
-
 template <class T>
 std::vector<T> scatter(MPI_Comm comm, const std::vector<T>& whole, const std::vector<int>& counts, int mine,
                        MPI_Datatype type) {
   std::vector<T> part(static_cast<std::size_t>(mine));
-  const std::vector<int> starts = starts_of(counts);
+  const std::vector<int> starts = starts_of_pieces(counts);
   MPI_Scatterv(whole.data(), counts.data(), starts.data(), type, part.data(), mine, type, 0, comm);
   return part;
 }
@@ -41,8 +34,7 @@ Matrix scatter_rows(MPI_Comm comm, const SparseEntries& whole, PetscInt local_ro
   for (std::size_t i = 1; i < whole.row_starts.size(); ++i)
     lengths.push_back(whole.row_starts[i] - whole.row_starts[i - 1]);
   const auto my_lengths = scatter(comm, lengths, row_counts, static_cast<int>(local_rows), MPI_INT64_T);
-  const auto my_entries =
-      static_cast<int>(std::accumulate(my_lengths.begin(), my_lengths.end(), std::int64_t{0}));
+  const int my_entries = mpi_count(std::accumulate(my_lengths.begin(), my_lengths.end(), std::int64_t{0}));
   const std::vector<int> entry_counts = counts_on_root(comm, my_entries);
   const auto columns = scatter(comm, whole.columns, entry_counts, my_entries, MPI_INT64_T);
   const auto values = scatter(comm, whole.values, entry_counts, my_entries, MPI_DOUBLE);

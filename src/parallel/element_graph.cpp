@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
+#include <string>
 #include <utility>
 
 #include "parallel/gather.hpp"
@@ -17,6 +19,10 @@ Graph make_graph(PetscInt vertices, std::vector<Edge> edges) {
     edges.push_back({edges[i].second, edges[i].first});
   std::sort(edges.begin(), edges.end());
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+  if (edges.size() > static_cast<std::size_t>(std::numeric_limits<idx_t>::max()))
+    throw Error(ExitCode::internal,
+                std::to_string(edges.size() / 2) +
+                    " couplings between elements are more than METIS counts; the scene is too large");
 
   Graph graph;
   graph.starts.assign(static_cast<std::size_t>(vertices) + 1, 0);

@@ -3,11 +3,16 @@
 #include <mpi.h>
 
 #include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <limits>
 #include <numeric>
+#include <string>
 #include <type_traits>
 #include <vector>
 
 #include "petsc/sparse.hpp"
+#include "sweepvi/error.hpp"
 
 namespace sweepvi {
 
@@ -27,8 +32,22 @@ private:
   MPI_Datatype type_ = MPI_DATATYPE_NULL;
 };
 
+/// A number of entries, as MPI takes it. Scenes too large for this are refused where they are read; this is
+/// for what that overlooks.
+/// @throws Error (internal), perhaps on this rank alone
+inline int mpi_count(std::int64_t count) {
+  constexpr std::int64_t most = std::numeric_limits<int>::max();
+  if (count > most)
+    throw Error(ExitCode::internal, std::to_string(count) +
+                                        " entries are to be sent at once, and MPI counts up to " +
+                                        std::to_string(most) + "; the scene is too large");
+  return static_cast<int>(count);
+}
+
 /// Where pieces of these sizes start when they stand one after the other.
+/// @throws Error (internal) if MPI cannot count them all
 inline std::vector<int> starts_of_pieces(const std::vector<int>& counts) {
+  static_cast<void>(mpi_count(std::accumulate(counts.begin(), counts.end(), std::int64_t{0})));
   std::vector<int> starts(counts.size());
   std::exclusive_scan(counts.begin(), counts.end(), starts.begin(), 0);
   return starts;
@@ -44,7 +63,7 @@ std::vector<T> gather(MPI_Comm comm, const std::vector<T>& mine) {
   MPI_Comm_rank(comm, &rank);
   MPI_Comm_size(comm, &size);
   const Contiguous type(sizeof(T));
-  const int count = static_cast<int>(mine.size());
+  const int count = mpi_count(std::ssize(mine));
   std::vector<int> counts(static_cast<std::size_t>(size));
   MPI_Gather(&count, 1, MPI_INT, counts.data(), 1, MPI_INT, 0, comm);
   const std::vector<int> starts = starts_of_pieces(counts);
@@ -78,7 +97,7 @@ std::vector<T> all_to_all(MPI_Comm comm, const std::vector<std::vector<T>>& to) 
   std::vector<int> send_counts;
   for (const std::vector<T>& piece : to) {
     send.insert(send.end(), piece.begin(), piece.end());
-    send_counts.push_back(static_cast<int>(piece.size()));
+    send_counts.push_back(mpi_count(std::ssize(piece)));
   }
   std::vector<int> receive_counts(to.size());
   MPI_Alltoall(send_counts.data(), 1, MPI_INT, receive_counts.data(), 1, MPI_INT, comm);
@@ -99,7 +118,7 @@ void broadcast(MPI_Comm comm, std::vector<T>& values) {
   MPI_Bcast(&size, sizeof size, MPI_BYTE, 0, comm);
   values.resize(size);
   const Contiguous type(sizeof(T));
-  MPI_Bcast(values.data(), static_cast<int>(size), type.get(), 0, comm);
+  MPI_Bcast(values.data(), mpi_count(std::ssize(values)), type.get(), 0, comm);
 }
 
 struct Triplet {

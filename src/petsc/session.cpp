@@ -1,4 +1,7 @@
 #include <sys/resource.h>
+#if defined(__SANITIZE_ADDRESS__)
+#include <sanitizer/lsan_interface.h>
+#endif
 
 #include <algorithm>
 #include <exception>
@@ -91,6 +94,11 @@ Session::Session(const std::string& program, const std::vector<std::string>& wor
 }
 
 Session::~Session() {
+  static_cast<void>(PetscPopErrorHandler());  // or PETSc would count it as left behind
+#if defined(__SANITIZE_ADDRESS__)
+  // All that was ours is gone by now. Later MPI unloads its parts, and nobody could tell whose the leaks are.
+  if (std::uncaught_exceptions() == 0 && !petsc_has_failed) __lsan_do_leak_check();
+#endif
   static_cast<void>(PetscFinalize());
 }
 

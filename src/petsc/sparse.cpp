@@ -45,11 +45,17 @@ void RowBuilder::end_row() {
     columns_.push_back(column);
     values_.push_back(value);
   }
-  starts_.push_back(static_cast<PetscInt>(columns_.size()));
+  starts_.push_back(static_cast<PetscInt>(columns_.size()));  // finish() looks whether they fit
   row_.clear();
 }
 
 Matrix RowBuilder::finish(MPI_Comm comm, PetscInt local_columns) {
+  agreed(comm, [&] {
+    constexpr std::size_t most = std::numeric_limits<PetscInt>::max();
+    if (columns_.size() > most)
+      throw InputError("a rank's part of a matrix has " + std::to_string(columns_.size()) +
+                       " entries, and PETSc counts up to " + std::to_string(most) + "; use more ranks");
+  });
   Matrix matrix;
   check(MatCreate(comm, matrix.put()));
   check(MatSetSizes(matrix.get(), static_cast<PetscInt>(starts_.size()) - 1, local_columns, PETSC_DETERMINE,

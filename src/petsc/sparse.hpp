@@ -36,6 +36,7 @@ public:
   }
   void end_row();
   /// @param local_columns  this rank's share of the columns (the layout of the vectors the matrix multiplies)
+  /// @throws Error (bad_input) on every rank if a rank has more entries than a PetscInt counts
   /// @note Collective on `comm`. The builder is empty afterwards.
   Matrix finish(MPI_Comm comm, PetscInt local_columns);
 
