@@ -11,7 +11,7 @@ namespace sweepvi {
 /// f(t): a constant part and the entries that vary.
 struct Forcing {
   struct Entry {
-    PetscInt local;  ///< this rank's row, from 0
+    PetscInt local = 0;  ///< this rank's row, from 0
     Signal signal;
   };
   std::vector<Entry> constant;  ///< signals that do not vary, this rank's rows

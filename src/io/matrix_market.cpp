@@ -303,6 +303,9 @@ SparseEntries read_matrix_market(const std::string& path) {
   const Triplets entries = banner.coordinate ? read_coordinate(scan, banner, rows, cols, count)
                                              : read_array(scan, banner, rows, cols);
   SparseEntries matrix = compress(entries, banner.symmetry, rows, cols);
+  if (std::ssize(matrix.values) > most)
+    throw InputError(path + ": the matrix has " + std::to_string(matrix.values.size()) +
+                     " entries, those above the diagonal included; expected at most 2147483647");
   for (const double value : matrix.values)
     if (!std::isfinite(value))
       throw InputError(path + ": entries of one place sum to more than a number can hold");
