@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "dvi/residue.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -41,6 +42,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
     K_ = Matrix::share(plain_K_.get());
   }
   abs_K_ = absolute_copy(K_.get());
+  reading_ = absolute_up_to(K_.get(), 1.0);
 
   // u_0 = W x_0 + g(t_0)
   place_forcing(t_start, g_.get());
@@ -138,7 +140,7 @@ void BoxOnZ::row_terms(Vec u, Vec terms) {
 }
 
 bool BoxOnZ::spread_terms(Vec terms) {
-  check(MatMult(abs_K_.get(), terms, work_.get()));
+  check(MatMult(reading_.get(), terms, work_.get()));
   check(VecCopy(work_.get(), terms));
   return true;
 }

@@ -43,6 +43,7 @@ private:
   Matrix plain_K_;                                 // I - h W A W^{-1}
   Matrix jumps_, inverse_jumps_, abs_inverse_;     // J, J^{-1}, its absolute values; empty: identity
   Matrix K_, abs_K_;                               // J^{-1} plain_K_ and its absolute values
+  Matrix reading_;                                 // |K| up to 1
   bool has_c_ = false;                             // constant forcing: found once
   Vector g_outputs_old_, g_outputs_, defect_;      // layout of the outputs
   Vector g_old_, g_, c_, rhs_, rhs_terms_, work_;  // layout of x

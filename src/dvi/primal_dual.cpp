@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "dvi/residue.hpp"
 #include "dvi/stacked.hpp"
 #include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
@@ -161,6 +162,7 @@ void PrimalDual::assemble(const Blocks& blocks) {
   }
   K_ = rows.finish(comm(), states.size() + multipliers.size());
   abs_K_ = absolute_copy(K_.get());
+  reading_ = absolute_up_to(K_.get(), 1.0);
 }
 
 // How measures along the d_{b,j} reach the outputs of other constraints: Z D without its unit diagonal, rows
@@ -311,7 +313,8 @@ void PrimalDual::residual(Vec u, Vec f) {
 //
 // A row may be made of residue alone: in contact, outputs vanish, and states mixed of them with them. What
 // such a row reads is known only up to the terms of the rows below it, so a tenth of those counts as its own:
-// terms + |K|^{r-1} terms / 10 (r at least 2), which leaves rows with terms of their own as they are.
+// terms + R^{r-1} terms / 10 (r at least 2; R: |K| up to 1), which leaves rows with terms of their own as
+// they are.
 void PrimalDual::known_terms(Vec u, Vec terms) {
   check(VecCopy(u, work_.get()));
   check(VecAbs(work_.get()));
@@ -373,7 +376,7 @@ void PrimalDual::take_multipliers(Vec u, Vec nu) const {
 
 bool PrimalDual::spread_terms(Vec terms) {
   clear_multipliers(terms);
-  check(MatMult(abs_K_.get(), terms, work_.get()));
+  check(MatMult(reading_.get(), terms, work_.get()));
   check(VecCopy(work_.get(), terms));
   return true;
 }

@@ -90,6 +90,7 @@ private:
   PetscInt local_x_ = 0;
   bool has_increment_ = false;  // constant forcing: found once
   Matrix K_, abs_K_;
+  Matrix reading_;            // |K| up to 1
   Matrix E_, abs_E_, abs_H_;  // H: empty without D
   Matrix cross_;              // Z D off its unit diagonal, levels below r; empty: no cross coupling
   Matrix completion_;         // I + cross_

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "dvi/output_coordinates.hpp"
+#include "dvi/residue.hpp"
 #include "petsc/sparse.hpp"
 #include "sweepvi/relative_degree.hpp"
 
@@ -175,6 +176,7 @@ void ZdBox::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   begin_levels(lower, upper);
   Matrix A = companion(derivative_.evaluate(t_new_, u_.get()));
   abs_A_ = absolute_copy(A.get());
+  reading_ = absolute_up_to(A.get(), 1.0 / h_);
   if (coupled_) {
     if (may_impact())
       update_jumps(std::move(A));
@@ -238,7 +240,7 @@ void ZdBox::row_terms(Vec u, Vec terms) {
 }
 
 bool ZdBox::spread_terms(Vec terms) {
-  check(MatMult(abs_A_.get(), terms, work_.get()));
+  check(MatMult(reading_.get(), terms, work_.get()));
   check(VecAXPY(terms, h_, work_.get()));
   if (!inverse_jumps_) return true;
   check(MatMult(abs_inverse_.get(), terms, work_.get()));

@@ -54,6 +54,7 @@ private:
   LinearSystem linearised_;             // A = df/du; its B and C are unit columns and rows
   bool coupled_ = false;                // some measure jumps more than its own output
   Matrix inverse_jumps_, abs_inverse_;  // J^{-1}; empty: identity
+  Matrix reading_;                      // up to 1 / h
   Matrix abs_A_;                        // |df/du| at the start of the step
   Matrix pattern_;                      // of dF/du
   Vector rates_, work_;
