@@ -80,6 +80,20 @@ std::vector<PetscInt> dependent(const Eigen::MatrixXd& v, const std::vector<Pets
   return numbers;
 }
 
+/// Entries in units of the diagonal, M_ij / sqrt(M_ii M_jj): masses of many decades make no matrix singular.
+std::vector<Triplet> in_units_of_diagonal(const std::vector<PetscInt>& group, std::vector<Triplet> entries) {
+  std::vector<double> root(group.size(), 1.0);
+  const auto at = [&](PetscInt number) -> double& {
+    return root[static_cast<std::size_t>(std::lower_bound(group.begin(), group.end(), number) -
+                                         group.begin())];
+  };
+  for (const Triplet& entry : entries)
+    if (entry.row == entry.column && entry.value > 0.0) at(entry.row) = std::sqrt(entry.value);
+  for (Triplet& entry : entries)
+    entry.value = entry.value / at(entry.row) / at(entry.column);
+  return entries;
+}
+
 /// A large group: a sparse Cholesky factorization of its symmetric part, with pivots above rounding, proves
 /// it.
 bool symmetric_part_is_definite(const std::vector<PetscInt>& group, const std::vector<Triplet>& entries) {
@@ -101,8 +115,9 @@ bool symmetric_part_is_definite(const std::vector<PetscInt>& group, const std::v
   return factors.info() == Eigen::Success && factors.vectorD().minCoeff() > singular_rtol * largest;
 }
 
-void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet>& entries, bool first_order,
+void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet>& given, bool first_order,
                    const std::vector<PetscInt>& scene_number, MarkovReport& report) {
+  const std::vector<Triplet> entries = in_units_of_diagonal(group, given);
   const auto size = static_cast<Eigen::Index>(group.size());
   std::vector<PetscInt> names;
   names.reserve(group.size());
@@ -113,12 +128,16 @@ void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet
     if (!symmetric_part_is_definite(group, entries)) take(report, Solvability::not_checked, names);
     return;
   }
-  Eigen::MatrixXd m = Eigen::MatrixXd::Zero(size, size);
-  for (const Triplet& entry : entries) {
-    const auto i = std::lower_bound(group.begin(), group.end(), entry.row) - group.begin();
-    const auto j = std::lower_bound(group.begin(), group.end(), entry.column) - group.begin();
-    m(i, j) += entry.value;
-  }
+  const auto dense = [&](const std::vector<Triplet>& of) {
+    Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(size, size);
+    for (const Triplet& entry : of) {
+      const auto i = std::lower_bound(group.begin(), group.end(), entry.row) - group.begin();
+      const auto j = std::lower_bound(group.begin(), group.end(), entry.column) - group.begin();
+      matrix(i, j) += entry.value;
+    }
+    return matrix;
+  };
+  const Eigen::MatrixXd m = dense(entries);
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(m, Eigen::ComputeFullU);
   const double largest = svd.singularValues()(0);
   const double smallest = svd.singularValues()(size - 1);
@@ -132,10 +151,11 @@ void examine_group(const std::vector<PetscInt>& group, const std::vector<Triplet
         list(dependent(svd.matrixU(), names)) +
         " depend on each other, so lambda cannot hold them independently (no vector relative degree); "
         "merge or drop one of them");
-  if (!singular)
-    report.condition = std::max(report.condition, largest / smallest);
-  else
-    report.condition = std::numeric_limits<double>::infinity();
+  if (!singular) {
+    const Eigen::VectorXd values = Eigen::JacobiSVD<Eigen::MatrixXd>(dense(given)).singularValues();
+    report.condition = std::max(report.condition, values(0) / values(size - 1));
+  }
+  if (singular) report.condition = std::numeric_limits<double>::infinity();
   if (lowest > 0.0) return;
   if (first_order && lowest >= -singular_rtol * largest) {
     take(report, Solvability::positive_semidefinite, names);
