@@ -110,21 +110,21 @@ void AffineVi::settle(Vec u) {
 bool AffineVi::admissible(Vec u) {
   constexpr double of_what_is_left = 1e-8;
   constexpr double rounding_of_terms = 1e-14;  // a residual below is none
+  residual(u, f_.get());
   row_terms(u, terms_.get());
-  residual(u, work_.get());
   int refused = 0;
   {
     const ReadArray x(u);
-    const ReadArray f(work_.get());
+    const ReadArray f(f_.get());
     const ReadArray q(q_.get());
+    const ReadArray constant(abs_q_.get());
     const ReadArray l(lower_.get());
     const ReadArray b(upper_.get());
     const ReadArray terms(terms_.get());
     for (PetscInt i = 0; i < x.size(); ++i) {
-      const bool pushed = (f[i] > 0.0 && x[i] <= l[i]) || (f[i] < 0.0 && x[i] >= b[i]);
       const double off = std::min(std::abs(f[i]), f[i] > 0.0 ? x[i] - l[i] : b[i] - x[i]);
-      const double left = std::abs(q[i]) + std::abs(f[i] - q[i]);
-      if (!pushed && off > std::max(of_what_is_left * left, rounding_of_terms * terms[i])) refused = 1;
+      const double left = constant[i] + std::abs(f[i] - q[i]);
+      if (off > std::max(of_what_is_left * left, rounding_of_terms * terms[i])) refused = 1;
     }
   }
   MPI_Allreduce(MPI_IN_PLACE, &refused, 1, MPI_INT, MPI_LOR, comm());
@@ -132,7 +132,7 @@ bool AffineVi::admissible(Vec u) {
 }
 
 std::string AffineVi::refusal() {
-  return "a row's residual is small only against terms that cancel: u runs away along a direction in which M "
+  return "the residual is small only against terms that cancel: u runs away along a direction in which M "
          "vanishes, and no solution is near";
 }
 
