@@ -54,8 +54,9 @@ int main(int argc, char** argv) {
   std::vector<std::string> words = bad_usage ? std::vector<std::string>{} : line.petsc_words;
   if (line.help_requested && !line.scene.empty()) words.emplace_back("-help");
 
-  if (line.verb == app::Verb::run) app::note_signals();  // MPI and PETSc take their time to start
-  signal(SIGXFSZ, SIG_IGN);                              // a file at its size limit is a failed write, not a death
+  const bool runs = line.verb == app::Verb::run;
+  if (runs) app::note_signals();  // MPI and PETSc take their time to start
+  signal(SIGXFSZ, SIG_IGN);       // a file at its size limit is a failed write, not a death
   ExitCode code = ExitCode::internal;
   std::optional<Session> opened;
   try {
@@ -65,6 +66,7 @@ int main(int argc, char** argv) {
     return static_cast<int>(error.code());
   }
   Session& session = *opened;
+  if (runs) app::note_signals();  // again: PETSc may have caught some itself
   int rank = 0;
   MPI_Comm_rank(session.comm(), &rank);
   if (bad_usage) {

@@ -71,7 +71,8 @@ void initialise(int argc, char** argv) {
   check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr));
   check_options(PetscInitialize(&count, &words, nullptr, nullptr));
   check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr));
-  check(PetscLogDefaultBegin());  // event counts: factorizations and linear solves of the summary
+  check(PetscPopSignalHandler());  // or PetscFinalize would, and put the system's back for SIGTERM
+  check(PetscLogDefaultBegin());   // event counts: factorizations and linear solves of the summary
 }
 
 }  // namespace
