@@ -77,10 +77,14 @@ public:
   virtual void residual(Vec u, Vec f) = 0;
   /// Sum of the absolute values of the terms of each row of F: what its residual is judged against.
   virtual void row_terms(Vec u, Vec terms) = 0;
-  /// terms = |dF/du| terms: what rows know of the terms of the unknowns they read. An unknown that is zero in
-  /// exact arithmetic is only known up to those. Returns false where that has no meaning.
+  /// terms = |dF/du| S, S_j = terms_j / max(1, max_i |dF_j/du_i|): what rows know of the terms of the
+  /// unknowns they read. An unknown that is zero in exact arithmetic is only known up to what its own row,
+  /// divided by its largest entry, is made of. (Undivided, stiff rows would excuse each other ever more.)
+  /// Returns false where that has no meaning.
   virtual bool spread_terms(Vec) { return false; }
   virtual void jacobian(Vec u, Mat jacobian) = 0;
+  /// dF/du itself, where `jacobian` gives a solver something that is easier to factor.
+  virtual void derivative(Vec u, Mat matrix) { jacobian(u, matrix); }
   /// Changes whenever `jacobian` would give other values: a factorization may be kept while it stays the
   /// same.
   virtual std::uint64_t jacobian_version() const = 0;
@@ -100,6 +104,10 @@ public:
   /// Shows the visitor every number that later steps, or the recording of this one, depend on. Replaced, they
   /// make the process go on from that moment; its time is told by the steps.
   virtual void visit(StateVisitor& visitor) = 0;
+
+  /// From here on steps are h long. @return false, with nothing changed, where that would be another process:
+  /// a controller acts once in each step, say.
+  virtual bool set_step(double) { return false; }
 
   /// Worst violation of a constraint in the current state (0 if none).
   virtual double penetration() const = 0;

@@ -36,6 +36,8 @@ enum class Linearisation {
 /// How a step's VI is solved.
 struct SolverOptions {
   Linearisation linearisation = Linearisation::inner;  ///< -sweepvi_linearisation inner | outer
+  PetscInt halvings =
+      10;  ///< -sweepvi_halvings: a step that fails is taken in 2, 4, ... 2^halvings parts; 0: not
 };
 
 /// The attempts at a step, in the order in which they are made: the ladder.
@@ -67,6 +69,16 @@ struct StepReport {
   std::string diagnosis;  ///< what may be behind a step that no attempt could solve
 };
 
+/// The box VI of a step in numbers: F(u) = M u + q, l <= u <= b.
+struct StepProblem {
+  Matrix M;
+  Vector q;
+  Vector terms;  ///< sums of the absolute values of the terms that each q_i was summed from
+  Vector lower, upper;
+  Vector u0;            ///< the best point found
+  bool affine = false;  ///< or the linearisation at u0
+};
+
 /// Solves the box VI of one step with SNESVI and certifies the result row by row:
 ///
 ///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for
@@ -92,14 +104,22 @@ public:
   /// Solves the step for which the problem's `begin` fills bounds and guess; settles the point found and
   /// certifies it. A step that cannot be certified is a result, not an error. The problem is left before
   /// `accept`.
+  /// @param brief  only from the step's own guess: a part of a step that is tried in parts has a good one
   /// @note Collective.
-  StepReport solve(const Step& step);
+  StepReport solve(const Step& step, bool brief = false);
 
   Vec solution() const { return u_.get(); }  ///< settled u of the last solve
   Vec residual() const { return f_.get(); }  ///< F at that point
   Mat jacobian() const { return jacobian_.get(); }
   SNES snes() const { return snes_; }
   const CertificateOptions& certificate() const { return certificate_; }
+  const SolverOptions& options() const { return solver_options_; }
+
+  /// The VI of the last solve, as long as the problem has not gone on. @note Collective.
+  StepProblem problem();
+  /// Back to a step solved before, for which the problem begins again, and to the point found then. @note
+  /// Collective.
+  void return_to(const Step& step, Vec point);
 
   static constexpr std::array<const char*, 9> rung_names = {
       "predictor",           "chosen",      "other_type",  "cold_start", "other_type_cold_start", "pivoting",
@@ -119,7 +139,7 @@ private:
   bool predict();
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
-  std::vector<Rung> ladder();
+  std::vector<Rung> ladder(bool brief);
   PetscInt attempt(Rung rung, std::string& reason);
   PetscInt attempt_snes(Rung rung, std::string& reason);
   PetscInt attempt_pivoting(Rung rung, std::string& reason);

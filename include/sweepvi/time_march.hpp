@@ -16,6 +16,9 @@ namespace sweepvi {
 /// (-ts_monitor, -ts_view, -snes_vi_monitor, -log_view, ...). One step: box rule, SNESVI, settle,
 /// certificate, accept. TSTHETA would average multipliers and complementarity rows over the step; here they
 /// stand at t_{k+1}.
+///
+/// A step that no attempt solves is taken in 2, 4, ... equal parts, where the scheme allows (Dvi::set_step)
+/// and unless it is proved to have no solution; the steps after it are as long as before.
 class TimeMarch {
 public:
   /// Called after each accepted step, on every rank.
@@ -31,6 +34,9 @@ public:
   TimeMarch& operator=(const TimeMarch&) = delete;
 
   void observe(Observer observer);
+  /// Called after each part but the last of a step that is taken in parts (Rung::smaller_step): for what is
+  /// summed over a step. Its `Step` is the part, with the number of the whole step.
+  void observe_parts(Observer observer);
 
   /// Takes one step. If it is not certified, the state stays that of t_k. @note Collective.
   StepReport step();
@@ -46,6 +52,9 @@ public:
   const TimeGrid& grid() const;
   double time() const;  ///< time reached [s]
   const StepSolver& solver() const;
+
+  /// The VI of a step that was not certified. @note Collective.
+  StepProblem problem();
 
 private:
   struct Impl;

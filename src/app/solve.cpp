@@ -2,6 +2,7 @@
 
 #include <filesystem>
 
+#include "app/failure.hpp"
 #include "app/file_head.hpp"
 #include "app/options.hpp"
 #include "app/summary.hpp"
@@ -79,7 +80,7 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   AffineVi vi(scatter_rows(comm, problem.M, local, local, true), scatter_vector(comm, problem.q, local),
               scatter_vector(comm, petsc_bounds(problem.lower), local),
               scatter_vector(comm, petsc_bounds(problem.upper), local),
-              scatter_vector(comm, problem.u0, local));
+              scatter_vector(comm, problem.u0, local), scatter_vector(comm, problem.terms, local));
   NonlinearSolver snes;
   check(SNESCreate(comm, snes.put()));
   StepSolver solver(snes.get(), vi);
@@ -118,13 +119,9 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   summary.seconds_total = MPI_Wtime() - begin;
   summary.write(comm, line.summary);
   if (!report.certified)
-    throw Error(
-        ExitCode::unsolved,
-        fmt::format(
-            "{}: no point could be certified: {} after {} iterations in {} attempts; the best one, with "
-            "residual {:.3g} of the row terms (asked for {:.3g}), is in {}. The problem may have no solution",
-            line.scene, report.reason, report.iterations, report.attempts, report.residual,
-            solver.certificate().rtol, path));
+    throw Error(ExitCode::unsolved,
+                fmt::format("{}: the problem {}. It may have no solution; the best point is in {}",
+                            line.scene, why_unsolved(report, solver.certificate()), path));
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   if (rank == 0)

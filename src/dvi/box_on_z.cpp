@@ -52,6 +52,19 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   start_from(u_.get());
 }
 
+bool BoxOnZ::set_step(double h) {
+  Matrix plain = implicit_euler(coordinates_.companion().get(), h);
+  const Matrix K = jumps_ ? multiply_clean(inverse_jumps_.get(), plain.get()) : Matrix::share(plain.get());
+  if (!replace_values(K_.get(), K.get())) return false;
+  plain_K_ = std::move(plain);
+  abs_K_ = absolute_copy(K_.get());
+  row_sizes_ = row_sizes(K_.get());
+  h_ = h;
+  has_c_ = false;
+  ++version_;
+  return true;
+}
+
 void BoxOnZ::place_forcing(double t, Vec g_x) {
   forcing_.evaluate(t, g_outputs_.get());
   check(VecSet(g_x, 0.0));

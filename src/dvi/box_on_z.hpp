@@ -26,9 +26,10 @@ public:
   void row_terms(Vec u, Vec terms) override;
   bool spread_terms(Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
-  std::uint64_t jacobian_version() const override { return 0; }  // constant
+  std::uint64_t jacobian_version() const override { return version_; }
   void accept(Vec u, Vec f) override;
   void visit(StateVisitor& visitor) override;
+  bool set_step(double h) override;
 
 private:
   PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
@@ -44,6 +45,7 @@ private:
   Matrix jumps_, inverse_jumps_, abs_inverse_;     // J, J^{-1}, its absolute values; empty: identity
   Matrix K_, abs_K_;                               // J^{-1} plain_K_ and its absolute values
   Matrix reading_;                                 // |K| up to 1
+  std::uint64_t version_ = 0;                      // counts changes of h
   bool has_c_ = false;                             // constant forcing: found once
   Vector g_outputs_old_, g_outputs_, defect_;      // layout of the outputs
   Vector g_old_, g_, c_, rhs_, rhs_terms_, work_;  // layout of x

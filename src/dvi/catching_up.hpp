@@ -68,6 +68,7 @@ public:
   Degenerate degenerate() const override { return Degenerate::at_bound; }
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
+  bool set_step(double h) override;
 
 private:
   void find_bounds(double t);
@@ -96,11 +97,13 @@ public:
   std::string obstacle() override;
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
-  void jacobian(Vec u, Mat jacobian) override;
+  void jacobian(Vec u, Mat jacobian) override;  // regularised
+  void derivative(Vec u, Mat matrix) override;
   Degenerate degenerate() const override { return Degenerate::off_bound; }
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
   void visit(StateVisitor& visitor) override;
+  bool set_step(double h) override;
 
 private:
   void move_faces(double t);

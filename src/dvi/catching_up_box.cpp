@@ -71,6 +71,15 @@ CatchingUpBox::CatchingUpBox(const SweepingSystem& system, const TimeGrid& grid)
   start(observe(u_.get()));
 }
 
+bool CatchingUpBox::set_step(double h) {
+  h_ = h;
+  if (!system_.A) return true;
+  K_ = implicit_euler(system_.A.get(), h);
+  abs_K_ = absolute_copy(K_.get());
+  ++version_;
+  return true;
+}
+
 // Empty boxes are found before anything is computed: the first one in time, then in the scene's order.
 void CatchingUpBox::refuse_empty(const TimeGrid& grid) const {
   constexpr double infinity = std::numeric_limits<double>::infinity();

@@ -60,6 +60,16 @@ CatchingUpPolyhedron::CatchingUpPolyhedron(const SweepingSystem& system, const T
   start(observe(u_.get()));
 }
 
+bool CatchingUpPolyhedron::set_step(double h) {
+  h_ = h;
+  if (!system_.A) return true;
+  K_ = implicit_euler(system_.A.get(), h);
+  assemble();
+  newton_->renew();
+  ++version_;
+  return true;
+}
+
 // Faces as they are at t.
 void CatchingUpPolyhedron::move_faces(double t) {
   check(VecSet(g_.get(), 0.0));
@@ -178,9 +188,13 @@ void CatchingUpPolyhedron::row_terms(Vec u, Vec terms) {
   newton_->row_terms(u, terms);
 }
 
-void CatchingUpPolyhedron::jacobian(Vec, Mat jacobian) {
-  check(MatCopy(S_.get(), jacobian, SAME_NONZERO_PATTERN));
+void CatchingUpPolyhedron::jacobian(Vec u, Mat jacobian) {
+  derivative(u, jacobian);
   newton_->regularise(jacobian);
+}
+
+void CatchingUpPolyhedron::derivative(Vec, Mat matrix) {
+  check(MatCopy(S_.get(), matrix, SAME_NONZERO_PATTERN));
 }
 
 // Which faces u stands on, up to rounding. Leaves G u - g in residual_.

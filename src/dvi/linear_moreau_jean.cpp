@@ -56,15 +56,7 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
     : MoreauJean(system.comm(), options, h, system.q0.get(), system.v0.get()), system_(system), dual_(dual) {
   for (Vector* vector : {&scale_, &forces_, &theta_forces_, &part_, &abs_})
     *vector = duplicate(q_.get());
-  make_scales();
-  const double rest = 1.0 - theta_;
-  const Matrix J = scaled(1.0, h * theta_, h * h * theta_ * theta_);
-  matrix_ = dual ? saddle(J.get()) : Matrix::share(J.get());
-  of_v_ = scaled(1.0, -h * rest, -h * h * theta_ * rest);
-  of_q_ = scaled(0.0, 0.0, -h);
-  abs_matrix_ = absolute_copy(matrix_.get());
-  abs_of_v_ = absolute_copy(of_v_.get());
-  abs_of_q_ = absolute_copy(of_q_.get());
+  assemble();
   first_row_ = row_range(matrix_.get()).first;
   if (!dual) find_places();
   check(MatCreateVecs(matrix_.get(), u_.put(), nullptr));
@@ -98,6 +90,25 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
   check(MatScale(circulatory_.get(), 0.5));
 }
 
+void LinearMoreauJean::assemble() {
+  make_scales();
+  const double rest = 1.0 - theta_;
+  const Matrix J = scaled(1.0, h_ * theta_, h_ * h_ * theta_ * theta_);
+  matrix_ = dual_ ? saddle(J.get()) : Matrix::share(J.get());
+  of_v_ = scaled(1.0, -h_ * rest, -h_ * h_ * theta_ * rest);
+  of_q_ = scaled(0.0, 0.0, -h_);
+  abs_matrix_ = absolute_copy(matrix_.get());
+  abs_of_v_ = absolute_copy(of_v_.get());
+  abs_of_q_ = absolute_copy(of_q_.get());
+}
+
+bool LinearMoreauJean::set_step(double h) {
+  h_ = h;
+  assemble();
+  ++version_;
+  return true;
+}
+
 // d_j = M_jj + h theta |C_jj| + h^2 theta^2 |K_jj|, and delta = diag(H d^-1 H').
 void LinearMoreauJean::make_scales() {
   const auto add_diagonal = [&](Mat matrix, double factor) {
@@ -109,6 +120,7 @@ void LinearMoreauJean::make_scales() {
         if (columns[k] == row) d[row - range.first] += factor * std::abs(values[k]);
     });
   };
+  check(VecSet(scale_.get(), 0.0));
   add_diagonal(system_.M.get(), 1.0);
   add_diagonal(system_.C.get(), h_ * theta_);
   add_diagonal(system_.K.get(), h_ * h_ * theta_ * theta_);

@@ -35,8 +35,10 @@ public:
   void accept(Vec u, Vec f) override;
   Energy energy() override;
   void visit(StateVisitor& visitor) override;
+  bool set_step(double h) override;
 
 private:
+  void assemble();
   void make_scales();
   Matrix scaled(double m, double c, double k) const;
   Matrix saddle(Mat J);
@@ -64,7 +66,7 @@ private:
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
   std::vector<double> tested_;
-  std::uint64_t version_ = 0;  // counts changes of what is pinned
+  std::uint64_t version_ = 0;  // counts changes of what is pinned and of h
   PetscInt first_row_ = 0;     // global number of this rank's first unknown
 };
 

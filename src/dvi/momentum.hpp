@@ -16,6 +16,7 @@ class Momentum {
 public:
   Momentum(const NonlinearLagrangian& system, double theta, double h);
 
+  void set_step(double h) { h_ = h; }  ///< before the next start
   /// From here on; q and v must stay as they are until the next start.
   void start(double t_old, double t_new, Vec q, Vec v);
   void evaluate(Vec v, Vec result);

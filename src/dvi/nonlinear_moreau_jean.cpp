@@ -246,6 +246,12 @@ void NonlinearMoreauJean::jacobian(Vec u, Mat jacobian) {
   check(MatAssemblyEnd(jacobian, MAT_FINAL_ASSEMBLY));
 }
 
+bool NonlinearMoreauJean::set_step(double h) {
+  h_ = h;
+  momentum_.set_step(h);
+  return true;
+}
+
 void NonlinearMoreauJean::settle(Vec u) {
   row_terms(u, known_.get());
   residual(u, work_.get());

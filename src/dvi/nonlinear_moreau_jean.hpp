@@ -26,6 +26,7 @@ public:
   std::uint64_t jacobian_version() const override { return version_; }  // kept within a step
   Degenerate degenerate() const override { return Degenerate::off_bound; }
   void settle(Vec u) override;
+  bool set_step(double h) override;
   void accept(Vec u, Vec f) override;
   Energy energy() override;
 

@@ -22,6 +22,7 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
     : LevelDvi(system.comm(), h),
       system_(system),
       relative_degree_(relative_degree),
+      scheme_(scheme),
       with_levels_(scheme == Scheme::homsp && relative_degree.highest > 1),
       has_outputs_(scheme == Scheme::homsp && relative_degree.lowest > 0),
       completes_(scheme != Scheme::naive_euler && system.f.varies && relative_degree.highest > 2),
@@ -33,17 +34,9 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   two_sided_ = static_cast<bool>(system.wmax);
   for (std::size_t a = 0; a < count; ++a)
     if (levels_.upper[a] < PETSC_INFINITY) upper_walls_.push_back(a);
-  measure_per_nu_.assign(levels_.z.size(), 1.0);
-  for (std::size_t a = 0; a < count; ++a) {
-    double& last = measure_per_nu_[levels_.at(a, levels_.levels(a))];
-    if (with_levels_)
-      last = 1.0 / relative_degree.markov_diagonal[a];
-    else if (scheme == Scheme::zd_euler)
-      last = std::pow(h, 1 - relative_degree.degree[a]);
-    else if (scheme == Scheme::naive_euler || system.D)
-      last = h;
-    if (!with_levels_) levels_.mu_shift[a] = std::max(1, relative_degree.degree[a]) - 1;
-  }
+  find_measures();
+  for (std::size_t a = 0; a < count && !with_levels_; ++a)
+    levels_.mu_shift[a] = std::max(1, relative_degree.degree[a]) - 1;
   pinned_.assign(levels_.z.size(), 0);
   output_scale_.assign(levels_.z.size(), 0.0);
   at_upper_.assign(upper_walls_.size(), 0);
@@ -89,6 +82,28 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
     levels_.z[q] = outputs[static_cast<PetscInt>(q)];
   for (std::size_t a = 0; a < count; ++a)
     levels_.w[a] = levels_.z[levels_.at(a, 1)];
+}
+
+void PrimalDual::find_measures() {
+  measure_per_nu_.assign(levels_.z.size(), 1.0);
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    double& last = measure_per_nu_[levels_.at(a, levels_.levels(a))];
+    if (with_levels_)
+      last = 1.0 / relative_degree_.markov_diagonal[a];
+    else if (scheme_ == Scheme::zd_euler)
+      last = std::pow(h_, 1 - relative_degree_.degree[a]);
+    else if (scheme_ == Scheme::naive_euler || system_.D)
+      last = h_;
+  }
+}
+
+bool PrimalDual::set_step(double h) {
+  h_ = h;
+  find_measures();
+  assemble(make_blocks());
+  has_increment_ = false;
+  ++pinned_version_;
+  return true;
 }
 
 // The rows of a matrix laid out like the lower multipliers, then those of level 1 again with a minus sign,

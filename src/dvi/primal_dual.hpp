@@ -43,6 +43,7 @@ public:
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
   void visit(StateVisitor& visitor) override;
+  bool set_step(double h) override;
 
   std::string diagnosis() override { return check_markov_matrix(system_, relative_degree_).diagnosis(); }
   const std::vector<double>& z() const override { return has_outputs_ ? levels_.z : no_outputs_; }
@@ -50,6 +51,7 @@ public:
 private:
   PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
   struct Blocks;  // E, G, H before they are assembled
+  void find_measures();
   Blocks make_blocks() const;
   Matrix mirrored(Mat lower) const;
   void assemble(const Blocks& blocks);
@@ -80,6 +82,7 @@ private:
 
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
+  Scheme scheme_;
   bool with_levels_;  // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
   bool has_outputs_;  // HOMSP without D: the rows of G are the outputs
   bool completes_;    // phi needs completing
@@ -97,9 +100,9 @@ private:
   LinearSolver completion_solver_;
   Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
   Vector push_, nu_, abs_nu_;                                      // layouts: x, multipliers
-  Vector rhs_, rhs_terms_, work_, terms_, inherited_;
+  Vector rhs_, rhs_terms_, row_sizes_, work_, terms_, inherited_;
   std::vector<char> pinned_;           // local outputs
-  std::uint64_t pinned_version_ = 0;   // counts changes of pinned_
+  std::uint64_t pinned_version_ = 0;   // counts changes of pinned_ and of h
   std::vector<PetscInt> unit_state_;   // local state that an output is, or -1
   std::vector<PetscInt> unit_remote_;  // unknown on another rank that an output is, or -1
   bool any_mixed_ = false;             // on some rank: an output made of several states

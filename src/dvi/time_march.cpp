@@ -2,7 +2,10 @@
 
 #include <petsc/private/tsimpl.h>
 
+#include <algorithm>
+
 #include "petsc/sparse.hpp"
+#include "sweepvi/state_visitor.hpp"
 
 namespace sweepvi {
 
@@ -30,6 +33,7 @@ struct TimeMarch::Impl {
   TimeStepper ts;
   std::unique_ptr<StepSolver> solver;
   Observer observer;
+  Observer part_observer;
   StepReport last;
   std::exception_ptr parked;
 
@@ -38,14 +42,68 @@ struct TimeMarch::Impl {
     TS raw = ts.get();
     const Step step{raw->steps + 1, grid.time(raw->steps), grid.time(raw->steps + 1), grid.h()};
     last = solver->solve(step);
+    const bool whole = last.certified;
+    if (!whole) last = divide(step, last);
     if (!last.certified) {
       raw->reason = TS_DIVERGED_NONLINEAR_SOLVE;
       return;
     }
-    problem.accept(solver->solution(), solver->residual());
+    if (whole) problem.accept(solver->solution(), solver->residual());
     raw->ptime = step.t_new;
     raw->time_step = step.h;
     if (observer) observer(step, last);
+  }
+
+  /// Takes a step in parts, the fewest that can all be solved. If there are none everything is as before.
+  StepReport divide(const Step& step, const StepReport& whole) {
+    const PetscInt halvings = solver->options().halvings;
+    if (halvings == 0 || !whole.obstacle.empty()) return whole;
+    StateSnapshot before;
+    before.take(problem);
+    const Vector point = duplicate(solver->solution());
+    check(VecCopy(solver->solution(), point.get()));
+    StepReport result = whole;
+    PetscInt parts = 2;
+    for (; parts <= PetscInt{1} << halvings && !result.certified; parts *= 2) {
+      if (!problem.set_step(step.h / static_cast<double>(parts))) break;
+      // First to see whether it works, then again for those who watch.
+      const bool solvable = take_parts(step, parts, {}).certified;
+      before.put_back(problem);
+      if (!solvable) continue;
+      result = take_parts(step, parts, part_observer);
+      if (!result.certified)
+        throw Error(ExitCode::internal, "a step's parts were solved once, and not again");
+    }
+    problem.set_step(step.h);
+    if (!result.certified) {
+      solver->return_to(step, point.get());
+      return whole;
+    }
+    result.iterations += whole.iterations;
+    result.attempts += whole.attempts;
+    return result;
+  }
+
+  /// Up to the first part that fails. The report is of all of them.
+  StepReport take_parts(const Step& step, PetscInt parts, const Observer& observe_part) {
+    StepReport all;
+    const double h = step.h / static_cast<double>(parts);
+    for (PetscInt i = 0; i < parts; ++i) {
+      const bool is_last = i + 1 == parts;
+      const Step part{step.number, step.t_old + static_cast<double>(i) * h,
+                      is_last ? step.t_new : step.t_old + static_cast<double>(i + 1) * h, h};
+      StepReport report = solver->solve(part, true);
+      report.rung = Rung::smaller_step;
+      report.predicted = false;
+      report.iterations += all.iterations;
+      report.attempts += all.attempts;
+      report.residual = std::max(report.residual, all.residual);
+      all = report;
+      if (!all.certified) return all;
+      problem.accept(solver->solution(), solver->residual());
+      if (observe_part && !is_last) observe_part(part, all);
+    }
+    return all;
   }
 
   // The PETSc side of the type: TS finds us through ts->data.
@@ -74,7 +132,7 @@ struct TimeMarch::Impl {
 };
 
 TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done)
-    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, nullptr}) {
+    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, {}, nullptr}) {
   impl_->last.certified = true;                      // nothing has failed yet
   check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
   check(TSCreate(problem.comm(), impl_->ts.put()));
@@ -111,6 +169,10 @@ void TimeMarch::observe(Observer observer) {
   impl_->observer = std::move(observer);
 }
 
+void TimeMarch::observe_parts(Observer observer) {
+  impl_->part_observer = std::move(observer);
+}
+
 StepReport TimeMarch::step() {
   check(TSStep(impl_->ts.get()), impl_->parked);
   return impl_->last;
@@ -136,6 +198,9 @@ const TimeGrid& TimeMarch::grid() const {
 }
 double TimeMarch::time() const {
   return impl_->grid.time(steps_taken());
+}
+StepProblem TimeMarch::problem() {
+  return impl_->solver->problem();
 }
 const StepSolver& TimeMarch::solver() const {
   return *impl_->solver;

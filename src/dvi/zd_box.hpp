@@ -27,6 +27,10 @@ public:
   std::uint64_t jacobian_version() const override { return version_; }  // kept within a step
   void accept(Vec u, Vec f) override;
   void visit(StateVisitor& visitor) override;
+  bool set_step(double h) override {
+    h_ = h;
+    return true;
+  }
   Vec x() const override { return u_.get(); }
 
 private:

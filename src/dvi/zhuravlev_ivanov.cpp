@@ -156,6 +156,16 @@ Matrix ZhuravlevIvanov::create_jacobian() const {
   return rows.finish(comm_, unknowns * count());
 }
 
+// A regulator samples the state at the start of each step and holds its control: with other steps it is
+// another one. The same goes for the resampling.
+bool ZhuravlevIvanov::set_step(double h) {
+  if (options_.regulator || options_.resample) return false;
+  h_ = h;
+  looked_at_ = Point{};
+  ++version_;
+  return true;
+}
+
 // The step --------------------------------------------------------------------------------------------
 
 void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {

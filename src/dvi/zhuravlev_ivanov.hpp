@@ -45,6 +45,7 @@ public:
   double dissipated() const override { return dissipated_; }
   void set_physical(Vec x, Vec velocity) override;
   void visit(StateVisitor& visitor) override;
+  bool set_step(double h) override;
 
 private:
   PetscInt count() const { return static_cast<PetscInt>(kappa_.size()); }

@@ -121,7 +121,7 @@ void check_extent(hid_t dataset, const std::vector<hsize_t>& shape, const std::s
 }
 
 template <class T>
-std::vector<T> read_column(hid_t object, const std::string& where, hid_t type) {
+std::vector<T> read_column(hid_t object, const std::string& where, hid_t type, bool infinity = false) {
   if (H5Iget_type(object) != H5I_DATASET)
     throw InputError(where + " is not a dataset; a vector is expected here");
   const Hdf5Space space(H5Dget_space(object));
@@ -137,7 +137,8 @@ std::vector<T> read_column(hid_t object, const std::string& where, hid_t type) {
   std::vector<T> values(static_cast<std::size_t>(length));
   if (H5Dread(object, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0)
     throw InputError(where + " cannot be read: " + hdf5_reason());
-  if constexpr (std::is_floating_point_v<T>) check_finite(values.data(), values.size(), where, 0, 0);
+  if constexpr (std::is_floating_point_v<T>)
+    if (!infinity) check_finite(values.data(), values.size(), where, 0, 0);
   return values;
 }
 
@@ -273,12 +274,12 @@ SparseEntries read_hdf5_matrix(const std::string& path, const std::string& datas
   }
 }
 
-std::vector<double> read_hdf5_vector(const std::string& path, const std::string& dataset) {
+std::vector<double> read_hdf5_vector(const std::string& path, const std::string& dataset, bool infinity) {
   const QuietHdf5 quiet;
   const Hdf5Guard guard(path);
   const Hdf5File file = open_file(path);
   const Hdf5Object object = open_object(file.get(), path, dataset);
-  return read_column<double>(object.get(), place(path, dataset), H5T_NATIVE_DOUBLE);
+  return read_column<double>(object.get(), place(path, dataset), H5T_NATIVE_DOUBLE, infinity);
 }
 
 void sort_rows(SparseEntries& matrix) {

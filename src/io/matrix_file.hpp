@@ -36,7 +36,9 @@ std::vector<double> read_matrix_market_vector(const std::string& path);
 SparseEntries read_hdf5_matrix(const std::string& path, const std::string& dataset);
 
 /// An HDF5 dataset with one axis, or with two of which one has length 1.
-std::vector<double> read_hdf5_vector(const std::string& path, const std::string& dataset);
+/// @param infinity  whether numbers that are not finite are the caller's business
+std::vector<double> read_hdf5_vector(const std::string& path, const std::string& dataset,
+                                     bool infinity = false);
 
 /// Brings the entries of each row into order and sums those of the same column.
 void sort_rows(SparseEntries& matrix);

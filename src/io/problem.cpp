@@ -27,7 +27,7 @@ void read_document(const TomlValue& document, Problem& problem) {
   const TomlValue table = document["problem"];
   document.refuse_unknown();
   const TomlValue M = table["M"], q = table["q"], lower = table["lower"], upper = table["upper"],
-                  u0 = table["u0"];
+                  u0 = table["u0"], terms = table["terms"];
   table.refuse_unknown();
   problem.M = M.matrix();
   if (problem.M.rows < 1 || problem.M.rows != problem.M.cols)
@@ -45,6 +45,11 @@ void read_document(const TomlValue& document, Problem& problem) {
   }
   problem.u0 = u0 ? u0.numbers() : std::vector<double>(n, 0.0);
   expect_length(u0, problem.u0, n);
+  problem.terms = terms ? terms.numbers() : std::vector<double>(n, 0.0);
+  expect_length(terms, problem.terms, n);
+  for (std::size_t i = 0; i < n; ++i)
+    if (problem.terms[i] < 0.0)
+      terms.fail(fmt::format("has entry {} = {}; expected >= 0", i, problem.terms[i]));
 }
 
 }  // namespace

@@ -150,7 +150,7 @@ void Recorder::load(const CheckpointData& data) {
   }
 }
 
-void Recorder::step(const Step& step, const StepReport& report, double seconds) {
+void Recorder::part(const Step& part) {
   for (Column& column : columns_) {
     if (!column.quantity.summed) continue;
     work_.resize(column.mine.size());
@@ -158,8 +158,12 @@ void Recorder::step(const Step& step, const StepReport& report, double seconds) 
     std::transform(work_.begin(), work_.end(), column.mine.begin(), column.mine.begin(), std::plus<>());
   }
   if (recording_.events)
-    for (const Event& event : recording_.events(step.t_new))
+    for (const Event& event : recording_.events(part.t_new))
       file_.add_event(event);
+}
+
+void Recorder::step(const Step& step, const StepReport& report, double seconds) {
+  part(step);
   iterations_ += report.iterations;
   seconds_ += seconds;
   residual_ = std::max(residual_, report.residual);

@@ -41,6 +41,9 @@ public:
   /// Takes in a certified step, which took `seconds`; writes a row if one is due.
   void step(const Step& step, const StepReport& report, double seconds);
 
+  /// Takes in a part of a step, but the last: what is summed, and events.
+  void part(const Step& part);
+
   TableFile& file() { return file_; }
   /// Writes the last step taken, if it is not there yet, and gives the file its name.
   void finish();

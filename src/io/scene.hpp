@@ -120,6 +120,7 @@ struct Problem {
   std::string path, text;
   SparseEntries M;
   std::vector<double> q, lower, upper, u0;  ///< each of length n
+  std::vector<double> terms;  ///< that each q was summed from, in absolute values; |q| where they are less
 };
 
 /// @throws Error (bad_input) on every rank.  @note Collective on `comm`.

@@ -54,7 +54,9 @@ std::vector<double> TomlValue::read_numbers(bool infinity) const {
   if (names_file()) {
     auto values = read_file<std::vector<double>>(
         [](const std::string& file) { return read_matrix_market_vector(file); },
-        [](const std::string& file, const std::string& dataset) { return read_hdf5_vector(file, dataset); });
+        [infinity](const std::string& file, const std::string& dataset) {
+          return read_hdf5_vector(file, dataset, infinity);
+        });
     for (std::size_t i = 0; i < values.size(); ++i)
       if (std::isnan(values[i]) || (std::isinf(values[i]) && !infinity))
         fail(fmt::format("has entry {} = {} in its file; expected {}", i, values[i],

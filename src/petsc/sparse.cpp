@@ -95,6 +95,43 @@ void make_absolute(Mat sequential) {
 
 }  // namespace
 
+Vector row_sizes(Mat matrix) {
+  Vector sizes;
+  check(MatCreateVecs(matrix, nullptr, sizes.put()));
+  const PetscInt first = row_range(matrix).first;
+  const WriteArray largest(sizes.get());
+  for_each_row(matrix, [&](PetscInt row, auto, auto values) {
+    largest[row - first] = 1.0;
+    for (const double value : values)
+      largest[row - first] = std::max(largest[row - first], std::abs(value));
+  });
+  return sizes;
+}
+
+bool replace_values(Mat to, Mat from) {
+  int fits = 1;
+  for_each_row(from, [&](PetscInt row, auto columns, auto) {
+    const SparseRow pattern = get_row(to, row);
+    auto place = pattern.begin();
+    for (const PetscInt column : columns) {
+      while (place != pattern.end() && place->first < column)
+        ++place;
+      if (place == pattern.end() || place->first != column) fits = 0;
+    }
+  });
+  MPI_Allreduce(MPI_IN_PLACE, &fits, 1, MPI_INT, MPI_LAND,
+                PetscObjectComm(reinterpret_cast<PetscObject>(to)));
+  if (fits == 0) return false;
+  check(MatZeroEntries(to));
+  for_each_row(from, [&](PetscInt row, auto columns, auto values) {
+    check(MatSetValues(to, 1, &row, static_cast<PetscInt>(columns.size()), columns.data(), values.data(),
+                       INSERT_VALUES));
+  });
+  check(MatAssemblyBegin(to, MAT_FINAL_ASSEMBLY));
+  check(MatAssemblyEnd(to, MAT_FINAL_ASSEMBLY));
+  return true;
+}
+
 Matrix absolute_copy(Mat matrix) {
   Matrix copy;
   check(MatDuplicate(matrix, MAT_SHARE_NONZERO_PATTERN, copy.put()));

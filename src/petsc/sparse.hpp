@@ -65,6 +65,14 @@ void for_each_row(Mat matrix, Visit&& visit) {
 
 SparseRow get_row(Mat matrix, PetscInt row);
 
+/// Gives `to` the entries of `from`. @return false, with nothing changed, if they do not fit into its
+/// pattern.
+/// @note Collective.
+bool replace_values(Mat to, Mat from);
+
+/// The largest absolute value of each row, 1 where it is less. @note Collective.
+Vector row_sizes(Mat matrix);
+
 /// A copy whose entries are the absolute values; shares the sparsity pattern with its source.
 /// @note Collective.
 Matrix absolute_copy(Mat matrix);

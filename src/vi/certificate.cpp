@@ -10,13 +10,16 @@ namespace sweepvi {
 
 namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
-}
+constexpr double residue =
+    1e-12;  // own terms that much smaller than those a row reads are no more than rounding
+}  // namespace
 
 Certificate::Certificate(Dvi& problem, const CertificateOptions& options)
     : problem_(problem),
       options_(options),
       terms_(duplicate(problem.state())),
-      spread_(duplicate(problem.state())) {}
+      spread_(duplicate(problem.state())),
+      own_(duplicate(problem.state())) {}
 
 double Certificate::worst_ratio(Vec u, Vec lower, Vec upper, Vec f) {
   constexpr int rounds = 4;
@@ -26,9 +29,10 @@ double Certificate::worst_ratio(Vec u, Vec lower, Vec upper, Vec f) {
   double worst = ratio(u, lower, upper, f);
   if (worst <= options_.target) return worst;
   check(VecCopy(terms_.get(), spread_.get()));
+  check(VecCopy(terms_.get(), own_.get()));
   for (int round = 0; round < rounds; ++round) {
     for (int sweep = 0; sweep < sweeps; ++sweep)
-      if (!problem_.spread_terms(spread_.get())) return worst;
+      if (!spread_once()) return worst;
     add_spread(lower, upper);
     const double spread = ratio(u, lower, upper, f);
     const bool better = spread < 0.5 * worst;
@@ -38,10 +42,18 @@ double Certificate::worst_ratio(Vec u, Vec lower, Vec upper, Vec f) {
   return worst;
 }
 
+// Rows with terms of their own answer for those, and hand on no more.
+bool Certificate::spread_once() {
+  if (!problem_.spread_terms(spread_.get())) return false;
+  const ReadArray own(own_.get());
+  const WriteArray spread(spread_.get());
+  for (PetscInt i = 0; i < spread.size(); ++i)
+    if (own[i] >= residue * spread[i]) spread[i] = own[i];
+  return true;
+}
+
 // Only where there are no bounds: what is left of an output that is held must not pass for an open one.
 void Certificate::add_spread(Vec lower, Vec upper) {
-  constexpr double residue =
-      1e-12;  // own terms that much smaller than those it reads are no more than rounding
   const ReadArray spread(spread_.get());
   const ReadArray l(lower);
   const ReadArray b(upper);
@@ -106,7 +118,7 @@ void Certificate::weigh(Vec u) {
     inverse_ = duplicate(u);
     weights_ = duplicate(u);
   }
-  problem_.jacobian(u, jacobian_.get());
+  problem_.derivative(u, jacobian_.get());
   {
     const ReadArray terms(terms_.get());
     const WriteArray inverse(inverse_.get());

@@ -44,11 +44,12 @@ private:
   double ratio(Vec u, Vec lower, Vec upper, Vec f);
   double weighted_ratio(Vec u, Vec lower, Vec upper, Vec f);
   void weigh(Vec u);
+  bool spread_once();
   void add_spread(Vec lower, Vec upper);
 
   Dvi& problem_;
   const CertificateOptions& options_;
-  Vector terms_, spread_;
+  Vector terms_, spread_, own_;
   Vector inverse_, weights_;  // of terms; of distances. From the first point that needs them
   Matrix jacobian_;           // likewise
 };

@@ -38,6 +38,9 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
                                  "in full steps (to compare)",
                                  "SolverOptions", linearisation.data(), linearisation.data(),
                                  linearisation.size(), nullptr));
+    PetscCall(PetscOptionsInt("-sweepvi_halvings",
+                              "A step that fails is taken in 2, 4, ... 2^this parts; 0: not divided",
+                              "SolverOptions", solver.halvings, &solver.halvings, nullptr));
     PetscOptionsEnd();
     PetscFunctionReturn(static_cast<PetscErrorCode>(0));  // an enumeration in newer PETSc
   };
@@ -55,6 +58,9 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
         "-sweepvi_certificate_rtol is outside (0, 1); it bounds the natural residual over row terms, 1e-10 "
         "by default");
   if (!(options.target > 0.0)) throw InputError("-sweepvi_target_rtol must be > 0; 1e-14 by default");
+  if (solver.halvings < 0 || solver.halvings > 20)
+    throw InputError(
+        "-sweepvi_halvings is outside [0, 20]; steps that fail are halved so often, 10 by default");
   options.target = std::min(options.target, options.rtol);
   options.stagnation = std::min(options.stagnation, options.rtol);
 }
@@ -225,15 +231,15 @@ double StepSolver::worst_ratio(Vec u) {
 }
 
 // The attempts open to this problem.
-std::vector<Rung> StepSolver::ladder() {
+std::vector<Rung> StepSolver::ladder(bool brief) {
   if (solver_options_.linearisation == Linearisation::outer) return {Rung::pivoting};
-  std::vector<Rung> rungs = {Rung::chosen, Rung::other_type, Rung::cold_start, Rung::other_type_cold_start};
   PetscInt size = 0;
   check(VecGetSize(u_.get(), &size));
-  if (size <= OuterLinearisation::largest) {
-    rungs.push_back(Rung::pivoting);
-    rungs.push_back(Rung::pivoting_cold_start);
-  }
+  std::vector<Rung> rungs = {Rung::chosen, Rung::other_type};
+  if (!brief) rungs.insert(rungs.end(), {Rung::cold_start, Rung::other_type_cold_start});
+  if (size <= OuterLinearisation::largest) rungs.push_back(Rung::pivoting);
+  if (brief) return rungs;
+  if (size <= OuterLinearisation::largest) rungs.push_back(Rung::pivoting_cold_start);
   if (size <= OuterLinearisation::largest_searched) rungs.push_back(Rung::enumeration);
   return rungs;
 }
@@ -301,7 +307,7 @@ std::string StepSolver::linear_failure() const {
          " of the attempts a linear system could not be solved: " + cause;
 }
 
-StepReport StepSolver::solve(const Step& step) {
+StepReport StepSolver::solve(const Step& step, bool brief) {
   problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
   choose_scale();
   failed_solves_ = 0;
@@ -316,11 +322,13 @@ StepReport StepSolver::solve(const Step& step) {
   PetscInt iterations = 0;
   int attempts = 0;
   Vector best_point;
-  for (const Rung rung : ladder()) {
+  std::string pivoting;
+  for (const Rung rung : ladder(brief)) {
     StepReport report;
     report.rung = rung;
     report.attempts = ++attempts;
     iterations += attempt(rung, report.reason);
+    if (rung == Rung::pivoting) pivoting = report.reason;
     problem_.settle(u_.get());
     report.residual = worst_ratio(u_.get());
     const bool solved = report.residual <= certificate_.rtol;
@@ -345,6 +353,7 @@ StepReport StepSolver::solve(const Step& step) {
   best.iterations = iterations;
   best.linear_failure = linear_failure();
   if (best.obstacle.empty()) best.diagnosis = problem_.diagnosis();
+  if (!pivoting.empty() && pivoting != best.reason) best.reason += " (pivoting: " + pivoting + ")";
   check(VecCopy(best_point.get(), u_.get()));
   problem_.residual(u_.get(), f_.get());
   return best;
