@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "app/case.hpp"
+#include "app/failure.hpp"
 #include "app/file_head.hpp"
 #include "app/options.hpp"
 #include "app/progress.hpp"
@@ -11,6 +12,7 @@
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
 #include "app/watch.hpp"
+#include "io/problem_file.hpp"
 #include "io/recorder.hpp"
 #include "sweepvi/time_march.hpp"
 
@@ -20,18 +22,18 @@ namespace {
 
 std::string failure_text(const TimeMarch& march, const StepReport& report) {
   const PetscInt number = march.steps_taken() + 1;
-  const double t = march.grid().time(number);
-  if (!report.obstacle.empty())
-    return fmt::format("step {}, t = {:.6g} s: {}. Everything before it is in the output", number, t,
-                       report.obstacle);
-  return fmt::format(
-      "step {}, t = {:.6g} s: the step could not be certified: {} after {} iterations in {} attempts, "
-      "residual {:.3g} of "
-      "the row terms (asked for {:.3g}). {}Everything before it is in the output. Try a smaller time.step, "
-      "or "
-      "-snes_vi_monitor to watch the active set",
-      number, t, report.reason, report.iterations, report.attempts, report.residual,
-      march.solver().certificate().rtol, report.diagnosis.empty() ? "" : report.diagnosis + ". ");
+  const std::string step = fmt::format("step {}, t = {:.6g} s: ", number, march.grid().time(number));
+  if (!report.obstacle.empty()) return step + report.obstacle;
+  return step + "the step " + why_unsolved(report, march.solver().certificate());
+}
+
+// Leaves the problem of the failed step beside the output, and says so. @note Collective.
+std::string leave_problem(MPI_Comm comm, const std::string& output, TimeMarch& march,
+                          const std::string& failure) {
+  const ProblemPaths paths(output);
+  const std::string trouble = write_problem(comm, paths, march.problem(), failure);
+  if (!trouble.empty()) return "Its problem could not be written (" + trouble + ")";
+  return fmt::format("Its problem is in {0}: try sweepvi solve {0}", paths.toml);
 }
 
 // Rows that a killed run left can still be gone on with; a new run of the same name would overwrite them.
@@ -87,8 +89,10 @@ private:
 Run::Run(MPI_Comm comm, const CommandLine& line) : comm_(comm), line_(line), scene_(load(comm, line)) {
   MPI_Comm_rank(comm_, &rank_);
   path_ = line.output.value_or(scene_.output.file);
-  check_distinct(
-      comm, {{"the scene", line.scene}, {"the output", path_}, {"--summary", line.summary.value_or("")}});
+  check_distinct(comm, {{"the scene", line.scene},
+                        {"the output", path_},
+                        {"--summary", line.summary.value_or("")},
+                        {"the problem file of a step that fails", ProblemPaths(path_).toml}});
   fingerprint_ = fingerprint(comm, scene_, line.overrides);
   if (line.restart) {
     restart_.emplace(comm, *line.restart, fingerprint_);
@@ -174,6 +178,7 @@ void Run::march() {
   stopped_ = summary_.steps < scene_.time.steps && watch_->ask().stop;
   if (stopped_) return;
   march_->observe([this](const Step& step, const StepReport& report) { after_step(step, report); });
+  march_->observe_parts([this](const Step& part, const StepReport&) { recorder_->part(part); });
   recorded_ = MPI_Wtime();
   report_ = march_->run();
   progress_.reset();
@@ -233,12 +238,22 @@ ExitCode Run::go() {
   } catch (const Error& error) {
     std::error_code failure;
     if (error.code() != ExitCode::output || !std::filesystem::exists(checkpointing_->path(), failure)) throw;
-    throw Error(ExitCode::output, fmt::format("{}. What was computed up to the last checkpoint is kept: go on "
-                                              "with --restart {}",
-                                              error.what(), checkpointing_->path()));
+    throw Error(ExitCode::output,
+                fmt::format("{}. What was computed up to the last checkpoint is kept: go on "
+                            "with --restart {}",
+                            error.what(), checkpointing_->path()));
   }
   tell();
-  if (!report_.certified) throw Error(ExitCode::unsolved, failure_text(*march_, report_));
+  if (!report_.certified) {
+    const std::string failure = failure_text(*march_, report_);
+    const std::string problem = leave_problem(comm_, path_, *march_, failure);
+    const bool hopeless = !report_.obstacle.empty();
+    throw Error(
+        ExitCode::unsolved,
+        fmt::format(
+            "{}. Everything before it is in the output. {}{}", failure, problem,
+            hopeless ? "" : ". Or try a smaller time.step, or -snes_vi_monitor to watch the active set"));
+  }
   if (stopped_)
     throw Error(ExitCode::stopped,
                 fmt::format("stopped by {} after step {} of {}, t = {:.6g} s. Go on with --restart {}",
