@@ -505,7 +505,7 @@ class Unsolved(InFolder):
             rows = sorted({*range(0, steps + 1, every), steps})
             np.testing.assert_allclose(part["t"], 0.1 * np.array(rows), rtol=1e-14)
             self.assertEqual({len(part[name]) for name in DATASETS - {"events"}}, {len(rows)})
-            self.assertEqual(self.files(), ["run.h5", "run.json", "scene.toml"])
+            self.assertEqual(self.files(), ["run.h5", "run.json", "run.problem.h5", "run.problem.toml", "scene.toml"])
         return part
 
     def test_no_step_at_all(self):
@@ -528,7 +528,8 @@ class Unsolved(InFolder):
         for name, text in {"singular": singular, "overflow": overflow}.items():
             for ranks in (1, 2):
                 with self.subTest(name, ranks=ranks):
-                    outcome = self.sweepvi("run", self.write(text), "--force", code=3, ranks=ranks)
+                    words = ("--force", "-sweepvi_halvings", "0")  # half the step is solvable
+                    outcome = self.sweepvi("run", self.write(text), *words, code=3, ranks=ranks)
                     self.assertIn("sweepvi: step 1, t = 0.1 s: ", outcome.err, outcome)
 
     def test_options_that_make_petsc_give_up(self):

@@ -161,10 +161,10 @@ TEST(StepSolver, OuterLinearisationSolvesAnAffineProblemInOneStep) {
 
 TEST(StepSolver, OuterLinearisationRefusesWhatItCannotDo) {
   const ScopedOption outer("-sweepvi_linearisation", "outer");
-  std::vector<double> identity(101 * 101, 0.0);
-  for (std::size_t i = 0; i < 101; ++i)
-    identity[102 * i] = 1.0;
-  const auto vi = problem(identity, std::vector<double>(101, -1.0));
+  std::vector<double> identity(1001 * 1001, 0.0);
+  for (std::size_t i = 0; i < 1001; ++i)
+    identity[1002 * i] = 1.0;
+  const auto vi = problem(identity, std::vector<double>(1001, -1.0));
   EXPECT_THROW(solve(*vi, SNESVINEWTONRSLS, "none"), Error);
   const auto small = problem({1}, {-1});
   const ScopedOption wrong("-sweepvi_linearisation", "outward");
