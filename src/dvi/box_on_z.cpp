@@ -58,7 +58,7 @@ bool BoxOnZ::set_step(double h) {
   if (!replace_values(K_.get(), K.get())) return false;
   plain_K_ = std::move(plain);
   abs_K_ = absolute_copy(K_.get());
-  row_sizes_ = row_sizes(K_.get());
+  reading_ = absolute_up_to(K_.get(), 1.0);
   h_ = h;
   has_c_ = false;
   ++version_;

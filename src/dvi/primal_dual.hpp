@@ -100,7 +100,7 @@ private:
   LinearSolver completion_solver_;
   Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
   Vector push_, nu_, abs_nu_;                                      // layouts: x, multipliers
-  Vector rhs_, rhs_terms_, row_sizes_, work_, terms_, inherited_;
+  Vector rhs_, rhs_terms_, work_, terms_, inherited_;
   std::vector<char> pinned_;           // local outputs
   std::uint64_t pinned_version_ = 0;   // counts changes of pinned_ and of h
   std::vector<PetscInt> unit_state_;   // local state that an output is, or -1

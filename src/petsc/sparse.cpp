@@ -95,19 +95,6 @@ void make_absolute(Mat sequential) {
 
 }  // namespace
 
-Vector row_sizes(Mat matrix) {
-  Vector sizes;
-  check(MatCreateVecs(matrix, nullptr, sizes.put()));
-  const PetscInt first = row_range(matrix).first;
-  const WriteArray largest(sizes.get());
-  for_each_row(matrix, [&](PetscInt row, auto, auto values) {
-    largest[row - first] = 1.0;
-    for (const double value : values)
-      largest[row - first] = std::max(largest[row - first], std::abs(value));
-  });
-  return sizes;
-}
-
 bool replace_values(Mat to, Mat from) {
   int fits = 1;
   for_each_row(from, [&](PetscInt row, auto columns, auto) {

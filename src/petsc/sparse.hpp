@@ -70,9 +70,6 @@ SparseRow get_row(Mat matrix, PetscInt row);
 /// @note Collective.
 bool replace_values(Mat to, Mat from);
 
-/// The largest absolute value of each row, 1 where it is less. @note Collective.
-Vector row_sizes(Mat matrix);
-
 /// A copy whose entries are the absolute values; shares the sparsity pattern with its source.
 /// @note Collective.
 Matrix absolute_copy(Mat matrix);
