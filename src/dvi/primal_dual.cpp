@@ -52,9 +52,6 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   check(MatCreateVecs(blocks.E.get(), g_.put(), nullptr));
   nu_ = duplicate(g_.get());
   abs_nu_ = duplicate(g_.get());
-  E_ = Matrix::share(blocks.E.get());
-  abs_E_ = absolute_copy(blocks.E.get());
-  if (blocks.H) abs_H_ = absolute_copy(blocks.H.get());
   check(MatCreateVecs(relative_degree.Z.get(), nullptr, output_g_old_.put()));
   output_g_new_ = duplicate(output_g_old_.get());
   defect_ = duplicate(output_g_old_.get());
@@ -178,6 +175,9 @@ void PrimalDual::assemble(const Blocks& blocks) {
   K_ = rows.finish(comm(), states.size() + multipliers.size());
   abs_K_ = absolute_copy(K_.get());
   reading_ = absolute_up_to(K_.get(), 1.0);
+  E_ = Matrix::share(blocks.E.get());
+  abs_E_ = absolute_copy(blocks.E.get());
+  if (blocks.H) abs_H_ = absolute_copy(blocks.H.get());
 }
 
 // How measures along the d_{b,j} reach the outputs of other constraints: Z D without its unit diagonal, rows
