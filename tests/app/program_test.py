@@ -505,7 +505,7 @@ class Unsolved(InFolder):
             rows = sorted({*range(0, steps + 1, every), steps})
             np.testing.assert_allclose(part["t"], 0.1 * np.array(rows), rtol=1e-14)
             self.assertEqual({len(part[name]) for name in DATASETS - {"events"}}, {len(rows)})
-            self.assertEqual(self.files(), ["run.h5", "run.json", "run.problem.h5", "run.problem.toml", "scene.toml"])
+            self.assertEqual(self.files(), ["run.h5", "run.h5.checkpoint", "run.json", "run.problem.h5", "run.problem.toml", "scene.toml"])
         return part
 
     def test_no_step_at_all(self):

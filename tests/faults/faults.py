@@ -73,7 +73,7 @@ class Run:
             self.command = ["mpiexec", "--oversubscribe", "-n", str(ranks), *self.command]
         self.mark = uuid.uuid4().hex
         self.session = program.temporary_folder()
-        self.log = open(Path(self.session.name) / "err", "w+b")
+        self.log = open(Path(self.session.name) / "printed", "w+b")
         self.launched = ranks > 1
         self.process = subprocess.Popen(
             self.command,
@@ -86,7 +86,7 @@ class Run:
                 **(env or {}),
             },
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
+            stdout=self.log,
             stderr=self.log,
             start_new_session=True,
         )
@@ -132,7 +132,7 @@ class Run:
 
     def err(self):
         self.log.flush()
-        return (Path(self.session.name) / "err").read_text(errors="replace")
+        return (Path(self.session.name) / "printed").read_text(errors="replace")
 
     def close(self):
         self.log.close()
@@ -239,7 +239,8 @@ def kill_until_done(case, ranks, expected, seconds, kills, seed, tally, read=Fal
             if (Path(folder) / FILE).exists():
                 tally.late += 1 if kill else 0
                 return
-            assert kill and code != 0, f"{run}: exit {code} without {FILE}\n{err}"
+            there = f"{run}: exit {code}, there are {sorted(os.listdir(folder))}\n{err}"
+            assert kill and code != 0, there
             tally.resumed += 1 if restart_words(folder) else 0
             tally.afresh += 0 if restart_words(folder) else 1
 
