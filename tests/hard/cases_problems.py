@@ -18,7 +18,7 @@ def add(group, name, *rest, **keys):
 
 def problem(name, M, q, right="certified", solution=None, code=0, limit=1e-12, **keys):
     tables = {"problem": {"M": [[float(v) for v in row] for row in M], "q": [float(v) for v in q]}}
-    add("problem", name, tables, right, complementary(solution, limit), code=code, says="no point could be certified" if code else "", **keys)
+    add("problem", name, tables, right, complementary(solution, limit), code=code, says="could not be certified" if code else "", **keys)
 
 
 def program_of(A, b, c):
