@@ -173,8 +173,10 @@ void compete(Dvi& dvi, PetscInt group, double h, PetscInt steps, Scores& scores)
     for (i = 0; i < 3; ++i)
       same[i] = same_states(found[i].get(), dvi.state(), group, group == 10 ? 4 : 2);
     // SNESVI alone: the first rung of the ladder, where it succeeds.
-    if (reports[0].certified && reports[0].rung == Rung::chosen) scores.of[reduced_space].add(reports[0], same[0]);
-    if (reports[1].certified && reports[1].rung == Rung::chosen) scores.of[semismooth].add(reports[1], same[1]);
+    if (reports[0].certified && reports[0].rung == Rung::chosen)
+      scores.of[reduced_space].add(reports[0], same[0]);
+    if (reports[1].certified && reports[1].rung == Rung::chosen)
+      scores.of[semismooth].add(reports[1], same[1]);
     if (reports[2].certified) scores.of[outer].add(reports[2], same[2]);
     if (reports[0].certified) scores.of[ladder].add(reports[0], same[0]);
   }

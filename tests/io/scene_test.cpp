@@ -323,7 +323,8 @@ TEST_F(SceneTest, ComplaintsSayWhereAndWhat) {
       {times + "[model]\nkind = \"chain\"\nelement = \"wall\"\ncount = 3\n",
        "scene.toml:4:1: model.e = 0.5 unless the scene says otherwise; the scheme \"homsp\" takes"},
       {chain + "count = 3\ncoupling = \"K.mtx\"\n", "scene.toml:8:12: model.coupling: K.mtx"},
-      {linear + "[output]\ncheckpoint = -60\n", "output.checkpoint = -60 s; expected 0 (only when stopped) or"},
+      {linear + "[output]\ncheckpoint = -60\n",
+       "output.checkpoint = -60 s; expected 0 (only when stopped) or"},
   };
   for (const Case& c : cases)
     expect_complaint(c.text, {}, c.fragment);
