@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 """A step that cannot be solved is left as a problem, with which `sweepvi solve` fails, or succeeds, in the same way."""
 
 import re

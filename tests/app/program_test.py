@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 240
 """The program from outside, as contract.md (and the README) promise it: texts, options, files and exit codes."""
 

@@ -1,5 +1,5 @@
 """Sweeping scenes from end to end: sets that become empty on the way, components without bounds, many copies."""
-# ranks: 2
+# ranks: 1
 
 import unittest
 from pathlib import Path

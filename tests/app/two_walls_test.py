@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 240
 """One two-sided constraint and two opposite rows are the same motion, and each row is told in its own terms."""
 

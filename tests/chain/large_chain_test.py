@@ -1,5 +1,6 @@
 # Large chains need no more than they must: five unknowns an element, a Jacobian as sparse as the model, one cut coupling
 # between two ranks, and the same results whatever the solver and the number of ranks.
+# LARGE elements here, in large_chain_full_test.py ten times as many.
 #
 # ranks: 2
 # timeout: 300
@@ -7,7 +8,7 @@ import numpy as np
 from chain_runs import BLOCK_JACOBI, PETSC_LU, Verdict, homsp, jerk_chain, program, run, write_scene
 
 SMALL = (100, 1000, 10000)
-LARGE = 100000
+LARGE = 10000
 # 4 s in 10 steps: many elements meet their wall. (At small steps nothing happens in so few.)
 STEPS, STEP = 10, 0.4
 # Elements differ by what two solvers round in 10 steps. An element that switched differently would be off by 1e-2.
@@ -52,13 +53,13 @@ def check_same(verdict, name, file, expected):
     )
 
 
-def test_large(folder, verdict):
-    scene = write_scene(folder, "large", homsp(STEPS * STEP, STEP), jerk_chain(LARGE))
+def test_large(folder, verdict, count):
+    scene = write_scene(folder, "large", homsp(STEPS * STEP, STEP), jerk_chain(count))
     rcm = PETSC_LU + ["-pc_factor_mat_ordering_type", "rcm"]
     expected, summary = run(scene, 1, rcm)
     print(describe("        1 rank, PETSc LU", summary))
-    check_sizes(verdict, LARGE, summary)
-    verdict.expect(expected["/solver/active"][-1] > LARGE // 100, f"{expected['/solver/active'][-1]} elements in contact")
+    check_sizes(verdict, count, summary)
+    verdict.expect(expected["/solver/active"][-1] > count // 100, f"{expected['/solver/active'][-1]} elements in contact")
 
     cases = (("1 rank, block Jacobi", 1, BLOCK_JACOBI), ("2 ranks, block Jacobi", 2, BLOCK_JACOBI),
              ("1 rank, MUMPS", 1, []), ("2 ranks, MUMPS", 2, []))  # fmt: skip
@@ -72,15 +73,16 @@ def test_large(folder, verdict):
         check_same(verdict, name, file, expected)
         # A chain falls apart into two when one coupling is cut; METIS may leave a few more.
         verdict.expect(summary["edge_cut"] <= (3 if ranks == 2 else 0), f"{name}: edge cut {summary['edge_cut']}")
-        check_sizes(verdict, LARGE, summary)
+        check_sizes(verdict, count, summary)
 
 
-def main():
+def main(count):
     verdict = Verdict()
     with program.temporary_folder() as name:
         test_sizes(program.Path(name), verdict)
-        test_large(program.Path(name), verdict)
+        test_large(program.Path(name), verdict, count)
     verdict.exit()
 
 
-main()
+if __name__ == "__main__":
+    main(LARGE)

@@ -1,5 +1,5 @@
 """The scenes of impact oscillators, examples/zi_*: what their headers promise, and the equations of every step."""
-# ranks: 2
+# ranks: 1
 # timeout: 200
 
 import json

@@ -1,5 +1,5 @@
 """The examples of moreau-jean: runs their headers name, held against exact solutions and balances."""
-# ranks: 2
+# ranks: 1
 # timeout: 300
 
 import json

@@ -1,5 +1,5 @@
 """The sweeping processes of examples/ against closed forms and an event-driven solution."""
-# ranks: 2
+# ranks: 1
 
 import unittest
 

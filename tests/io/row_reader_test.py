@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 """Readers may hold a run's files: they do not stop it, and what they hold stays what it is."""
 
 import os
