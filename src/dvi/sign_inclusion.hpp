@@ -31,7 +31,7 @@ struct SignInclusion {
 
   struct Solution {
     Values lambda;
-    Branch branch;
+    Branch branch{};
   };
   /// The first admissible solution in the order of `wanted`. Where a branch leaves a whole family it is the
   /// member near the start: Newton steps of least norm.

@@ -51,9 +51,9 @@ public:
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }
-  void settle(Vec u) override;
+  void settle(Vec vector) override;
   bool admissible(Vec u) override;
-  void accept(Vec u, Vec f) override;
+  void accept(Vec vector, Vec) override;
   double penetration() const override { return 0.0; }  // x = |s|
   PetscInt active() const override;
   void visit(StateVisitor& visitor) override;

@@ -136,8 +136,7 @@ std::vector<std::byte> bytes_in_output(const std::string& path) {
 
 void CheckpointData::put(const TableMark& mark) {
   nlohmann::json fields = nlohmann::json::array();
-  for (std::size_t i = 0; i < mark.fields.size(); ++i) {
-    const TableMark::Field& field = mark.fields[i];
+  for (const TableMark::Field& field : mark.fields) {
     fields.push_back({{"name", field.name},
                       {"entry_bytes", field.entry_bytes},
                       {"extents", field.extents},

@@ -32,8 +32,8 @@ public:
 
 private:
   struct Row {
-    std::size_t constraint;
-    PetscInt number;
+    std::size_t constraint = 0;
+    PetscInt number = 0;
     bool lower = true, upper = true;  // walls of the constraint that are this row's
     double output_scale = 1.0, multiplier_scale = 1.0;
     bool mirrored() const { return !lower; }

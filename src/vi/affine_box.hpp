@@ -30,11 +30,11 @@ struct AffineBoxSolution {
 /// where M is copositive-plus and a solution exists (semidefinite matrices), or P. Otherwise the outcome may
 /// be `solved == false`. Data that are not finite: not solved.
 /// Source: for boxes M. Cao and M. C. Ferris, Math. Oper. Res. 21 (1996) 44-64.
-AffineBoxSolution solve_affine_box(const AffineBox& problem);
+AffineBoxSolution solve_affine_box(const AffineBox& box);
 
 /// Tries harder, for very small problems of any matrix: Lemke's method from other starts (covering vectors),
 /// then, if there are at most 2^14 ways to say which unknowns are at which bound, each of them; a singular
 /// system among them as a linear least-squares problem in the box, which finds a solution if there is one.
-AffineBoxSolution search_affine_box(const AffineBox& problem);
+AffineBoxSolution search_affine_box(const AffineBox& box);
 
 }  // namespace sweepvi
