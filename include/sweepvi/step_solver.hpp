@@ -143,6 +143,7 @@ private:
   PetscInt attempt(Rung rung, std::string& reason);
   PetscInt attempt_snes(Rung rung, std::string& reason);
   PetscInt attempt_pivoting(Rung rung, std::string& reason);
+  double polish();
   void start_from(bool cold);
   std::string linear_failure() const;
 

@@ -16,6 +16,8 @@ namespace sweepvi {
 
 namespace {
 
+constexpr double nearly = 1e-6;  // a ratio below which an attempt ended at a solution, but for rounding
+
 void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& predictor,
                   SolverOptions& solver) {
   std::array<char, 64> chosen{"active-set"};
@@ -307,6 +309,22 @@ std::string StepSolver::linear_failure() const {
          " of the attempts a linear system could not be solved: " + cause;
 }
 
+// Where SNES ends near a solution of a badly conditioned problem, rounding flips degenerate rows between its
+// sets. The predictor keeps them once they are right, and refines.
+double StepSolver::polish() {
+  const double before = worst_ratio(u_.get());
+  if (!predictor_) return before;
+  const Vector point = duplicate(u_.get());
+  check(VecCopy(u_.get(), point.get()));
+  predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target,
+                      [this](Vec u) { return settled_ratio(u); });
+  problem_.settle(u_.get());
+  const double after = worst_ratio(u_.get());
+  if (after < before) return after;
+  check(VecCopy(point.get(), u_.get()));
+  return worst_ratio(u_.get());
+}
+
 StepReport StepSolver::solve(const Step& step, bool brief) {
   problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
   choose_scale();
@@ -331,6 +349,7 @@ StepReport StepSolver::solve(const Step& step, bool brief) {
     if (rung == Rung::pivoting) pivoting = report.reason;
     problem_.settle(u_.get());
     report.residual = worst_ratio(u_.get());
+    if (report.residual > certificate_.rtol && report.residual <= nearly) report.residual = polish();
     const bool solved = report.residual <= certificate_.rtol;
     report.certified = solved && problem_.admissible(u_.get());
     if (solved && !report.certified) {
