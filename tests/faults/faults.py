@@ -4,12 +4,12 @@ A case is run once undisturbed. Then it is run again and disturbed, taken up whe
 it is done: its file must then hold the same bits (all but the times the run took)."""
 
 import contextlib
+import multiprocessing
 import os
 import random
 import signal
 import subprocess
 import sys
-import threading
 import time
 import uuid
 from dataclasses import dataclass, field, replace
@@ -252,33 +252,32 @@ def status(path):
 
 
 class Reader:
-    """Somebody who looks at the files of a run, and holds them, all the time."""
+    """Somebody who looks at the files of a run, and holds them, all the time. A process of its own: HDF5 shares what it
+    knows of a file between all who have it open in one process, and would show a finished file as it was before."""
 
     def __init__(self, folder):
-        self.paths = [Path(folder) / name for name in sorted(USUAL)]
-        self.over = threading.Event()
-        self.looks = 0
-        self.thread = threading.Thread(target=self.look)
+        paths = [Path(folder) / name for name in sorted(USUAL)]
+        self.process = multiprocessing.get_context("fork").Process(target=self.look, args=(paths,), daemon=True)
 
-    def look(self):
-        while not self.over.is_set():
-            for path in self.paths:
+    @staticmethod
+    def look(paths):
+        while True:
+            for path in paths:
                 try:
                     with open(path, "rb") as held, h5py.File(path, locking=True) as file:
                         held.read(1 << 12)
                         list(file)
-                        self.looks += 1
-                        self.over.wait(0.05)
+                        time.sleep(0.05)
                 except OSError:  # not there, or not yet whole
-                    self.over.wait(0.01)
+                    time.sleep(0.01)
 
     def __enter__(self):
-        self.thread.start()
+        self.process.start()
         return self
 
     def __exit__(self, *_):
-        self.over.set()
-        self.thread.join()
+        self.process.kill()
+        self.process.join()
 
 
 @dataclass
