@@ -33,8 +33,12 @@ def kill_once(seed):
     victims = choice.choice(["one", "all"])
     with program.temporary_folder() as folder, program.temporary_folder() as session:
         writer = start("write", folder, seed, ranks=ranks, session=session)
-        pids = [int(writer.stdout.readline().split()[1]) for _ in range(ranks)]
-        announced = int(writer.stdout.readline())
+        lines = [writer.stdout.readline() for _ in range(ranks + 1)]
+        if not all(lines):
+            out, err = writer.communicate(timeout=30)
+            return f"seed {seed}: the writer on {ranks} ranks did not start: exit {writer.returncode}\n{lines}{out}{err}"
+        pids = [int(line.split()[1]) for line in lines[:-1]]
+        announced = int(lines[-1])
         time.sleep(choice.uniform(0, 0.3))
         for pid in pids if victims == "all" else [choice.choice(pids)]:
             os.kill(pid, signal.SIGKILL)
