@@ -128,6 +128,8 @@ public:
   virtual const std::vector<int>& level() const = 0;         ///< r* of the last step, per local constraint
   virtual const std::vector<Side>& side() const = 0;         ///< wall at which the last step began
   virtual const std::vector<StepEvent>& events() const = 0;  ///< of the last step, this rank's
+  /// Replaces them, by who moves the process otherwise than in steps (hybrid.hpp).
+  virtual void tell(std::vector<StepEvent> events) = 0;
 };
 
 }  // namespace sweepvi

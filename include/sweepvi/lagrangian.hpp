@@ -75,6 +75,9 @@ void distribute(LagrangianSystem& system);
 /// has no restitution)
 /// @note Collective.
 LinearSystem to_linear(const LagrangianSystem& system);
+/// That form whatever e is: the motion between impacts. @throws Error (bad_input) if M is not diagonal @note
+/// Collective.
+LinearSystem first_order_form(const LagrangianSystem& system);
 
 /// Where the energy of a mechanical system went since the start, summed over all ranks [J]:
 ///

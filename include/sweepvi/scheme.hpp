@@ -9,7 +9,8 @@ enum class Scheme {
   naive_euler,      ///< backward Euler on x, AB (47); shown because it fails for r > 1
   catching_up,      ///< first-order sweeping process, AB (19)-(20)
   moreau_jean,      ///< Lagrangian systems with restitution, AB (22)-(23)
-  zhuravlev_ivanov  ///< impacts and twisting control in (s, v), HO (12)-(20)
+  zhuravlev_ivanov,  ///< impacts and twisting control in (s, v), HO (12)-(20)
+  hybrid  ///< event by event: Taylor series between events, events as steps of length 0 of the other schemes
 };
 
 /// Which position decides, in moreau_jean, whether a constraint takes part in the step from (q, v):

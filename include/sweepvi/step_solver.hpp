@@ -51,7 +51,8 @@ enum class Rung : int {
   pivoting_cold_start,    ///< the same from the projection of zero
   enumeration,  ///< very small ones: its affine VIs by other starts of Lemke's method, then by trying
                 ///< for each unknown whether it is at a bound
-  smaller_step  ///< several smaller steps in place of one
+  smaller_step,  ///< several smaller steps in place of one
+  hybrid         ///< an interval of the hybrid scheme, which takes steps only where it must
 };
 
 /// What came of a step.
@@ -121,9 +122,9 @@ public:
   /// Collective.
   void return_to(const Step& step, Vec point);
 
-  static constexpr std::array<const char*, 9> rung_names = {
+  static constexpr std::array<const char*, 10> rung_names = {
       "predictor",           "chosen",      "other_type",  "cold_start", "other_type_cold_start", "pivoting",
-      "pivoting_cold_start", "enumeration", "smaller_step"};  ///< by Rung
+      "pivoting_cold_start", "enumeration", "smaller_step", "hybrid"};  ///< by Rung
   using Rungs = std::array<std::int64_t, rung_names.size()>;  ///< steps certified by each
 
 private:

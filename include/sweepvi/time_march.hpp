@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "sweepvi/dvi.hpp"
+#include "sweepvi/hybrid.hpp"
 #include "sweepvi/step_solver.hpp"
 #include "sweepvi/time_grid.hpp"
 
@@ -29,6 +30,8 @@ public:
   /// VI
   /// @note Collective on the problem's communicator. `problem` must outlive the march.
   TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done = 0);
+  /// By the hybrid scheme: a step of the march is an interval of the grid, at whose end the state is known.
+  TimeMarch(HybridProcess& process, const HybridOptions& options, const TimeGrid& grid, PetscInt done = 0);
   ~TimeMarch();
   TimeMarch(const TimeMarch&) = delete;
   TimeMarch& operator=(const TimeMarch&) = delete;
@@ -37,6 +40,11 @@ public:
   /// Called after each part but the last of a step that is taken in parts (Rung::smaller_step): for what is
   /// summed over a step. Its `Step` is the part, with the number of the whole step.
   void observe_parts(Observer observer);
+
+  /// Called at each event of the hybrid scheme, with the state before it and then with that after it.
+  void observe_events(Observer observer);
+  /// What the hybrid scheme did; zeros in other marches.
+  HybridCounts hybrid_counts() const;
 
   /// Takes one step. If it is not certified, the state stays that of t_k. @note Collective.
   StepReport step();

@@ -16,6 +16,12 @@ std::unique_ptr<Case> make_case(MPI_Comm comm, Scene& scene) {
   const Scheme scheme = scene.time.scheme;
   if (scheme == Scheme::catching_up) return make_sweeping_case(comm, scene);
   if (scheme == Scheme::moreau_jean) return make_lagrangian_case(comm, scene);
+  if (scheme == Scheme::hybrid) {
+    const auto* chain = std::get_if<ChainSpec>(&scene.model);
+    const bool mechanical = chain != nullptr ? chain->element->mass.has_value()
+                                             : std::holds_alternative<LagrangianSpec>(scene.model);
+    return mechanical ? make_lagrangian_case(comm, scene) : make_linear_case(comm, scene);
+  }
   if (scheme != Scheme::zhuravlev_ivanov) return make_linear_case(comm, scene);
   const auto* impact = std::get_if<ImpactSpec>(&scene.model);
   if (impact != nullptr && impact->reference) return make_tracking_case(comm, scene);

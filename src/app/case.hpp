@@ -10,6 +10,7 @@
 #include "io/recording.hpp"
 #include "io/scene.hpp"
 #include "sweepvi/dvi.hpp"
+#include "sweepvi/hybrid.hpp"
 
 namespace sweepvi::app {
 
@@ -23,6 +24,8 @@ public:
   virtual ~Case() = default;
 
   virtual Dvi& dvi() = 0;
+  /// The process of the scheme `hybrid`; null with the other schemes.
+  virtual HybridProcess* hybrid() { return nullptr; }
   /// What a run records. Reads from this case, which must outlive it.
   virtual Recording recording(const OutputSpec& output) const = 0;
   /// What the unknowns are, in a word or two. @note Not collective.

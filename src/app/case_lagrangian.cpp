@@ -39,12 +39,14 @@ public:
     system_.check_values();
     distribute(system_);
     dvi_ = make_moreau_jean(system_, options_, scene.time.grid());
+    if (scene.time.scheme == Scheme::hybrid) hybrid_ = make_hybrid(*dvi_, system_);
     PetscInt unknowns = 0;
     check(VecGetSize(dvi_->state(), &unknowns));
     boxed_ = unknowns == system_.coordinates();
   }
 
   Dvi& dvi() override { return *dvi_; }
+  HybridProcess* hybrid() override { return hybrid_.get(); }
   Recording recording(const OutputSpec& output) const override {
     return mechanical_recording(output, system_, *dvi_, names_);
   }
@@ -64,6 +66,7 @@ private:
   LagrangianSystem system_;
   bool boxed_ = false;
   std::unique_ptr<MechanicalDvi> dvi_;
+  std::unique_ptr<HybridProcess> hybrid_;
 };
 
 Lines LagrangianCase::report(std::int64_t unknowns) const {

@@ -71,16 +71,19 @@ std::string not_needed(const LinearSystem& system, const RelativeDegree& relativ
 class LinearCase final : public Case {
 public:
   LinearCase(MPI_Comm comm, Scene& scene)
-      : scheme_(scene.time.scheme), system_(make_linear_system(comm, scene)) {
+      : scheme_(scene.time.scheme == Scheme::hybrid ? Scheme::homsp : scene.time.scheme),
+        system_(make_linear_system(comm, scene)) {
     merge_opposite_constraints(system_);
     degree_ = analyse_relative_degree(system_);
     markov_ = check_markov_matrix(system_, degree_);
     distribute(system_, degree_);
     form_ = choose_form(system_, degree_, scheme_);
     dvi_ = make_linear_dvi(system_, degree_, scheme_, form_, scene.time.grid());
+    if (scene.time.scheme == Scheme::hybrid) hybrid_ = make_hybrid(*dvi_, system_, degree_);
   }
 
   Dvi& dvi() override { return *dvi_; }
+  HybridProcess* hybrid() override { return hybrid_.get(); }
   Recording recording(const OutputSpec& output) const override {
     return level_recording(output, system_, degree_, *dvi_);
   }
@@ -105,6 +108,7 @@ private:
   MarkovReport markov_;
   Form form_ = Form::primal_dual;
   std::unique_ptr<ConstrainedDvi> dvi_;
+  std::unique_ptr<HybridProcess> hybrid_;
 };
 
 std::string LinearCase::form_line() const {

@@ -101,8 +101,12 @@ Run::Run(MPI_Comm comm, const CommandLine& line) : comm_(comm), line_(line), sce
   }
   model_ = make_case(comm, scene_);
   if (restart_) restart_->put_state(*model_);
-  march_ =
-      std::make_unique<TimeMarch>(model_->dvi(), scene_.time.grid(), static_cast<PetscInt>(summary_.steps));
+  const auto done = static_cast<PetscInt>(summary_.steps);
+  if (HybridProcess* process = model_->hybrid())
+    march_ = std::make_unique<TimeMarch>(*process, HybridOptions{.tolerance = scene_.time.tolerance},
+                                         scene_.time.grid(), done);
+  else
+    march_ = std::make_unique<TimeMarch>(model_->dvi(), scene_.time.grid(), done);
 }
 
 // All that can be refused is refused before a file is touched.
@@ -179,6 +183,7 @@ void Run::march() {
   if (stopped_) return;
   march_->observe([this](const Step& step, const StepReport& report) { after_step(step, report); });
   march_->observe_parts([this](const Step& part, const StepReport&) { recorder_->part(part); });
+  march_->observe_events([this](const Step& at, const StepReport&) { recorder_->event(at.t_new); });
   recorded_ = MPI_Wtime();
   report_ = march_->run();
   progress_.reset();

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "sweepvi/sweeping.hpp"
@@ -26,6 +27,7 @@ public:
   const std::vector<int>& level() const final { return level_; }
   const std::vector<Side>& side() const final { return old_side_; }
   const std::vector<StepEvent>& events() const final { return events_; }
+  void tell(std::vector<StepEvent> events) final { events_ = std::move(events); }
   void visit(StateVisitor& visitor) override;
 
 protected:

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "dvi/level_state.hpp"
@@ -22,6 +23,7 @@ public:
   const std::vector<int>& level() const final { return levels_.level; }
   const std::vector<Side>& side() const final { return levels_.side; }
   const std::vector<StepEvent>& events() const final { return levels_.events; }
+  void tell(std::vector<StepEvent> events) final { levels_.events = std::move(events); }
   /// Not where two walls are closer than an output is known that stands at one of them.
   bool admissible(Vec u) final;
   std::string refusal() final { return refusal_; }

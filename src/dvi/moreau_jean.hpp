@@ -1,5 +1,6 @@
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "dvi/contact_state.hpp"
@@ -25,6 +26,7 @@ public:
   const std::vector<int>& level() const final { return contacts_.level; }
   const std::vector<Side>& side() const final { return contacts_.side; }
   const std::vector<StepEvent>& events() const final { return contacts_.events; }
+  void tell(std::vector<StepEvent> events) final { contacts_.events = std::move(events); }
   double penetration() const final { return contacts_.penetration(comm_); }
   PetscInt active() const final { return contacts_.active(); }
   void visit(StateVisitor& visitor) override;

@@ -33,6 +33,22 @@ void OutputForcing::evaluate(double t, Vec g) {
   }
 }
 
+void OutputForcing::remaining_rate(double t, int order, Vec rate) {
+  const std::vector<PetscInt>& first = relative_degree_.first_level;
+  const std::vector<int>& degree = relative_degree_.degree;
+  check(VecSet(rate, 0.0));
+  for (int p = 1; p < relative_degree_.highest; ++p) {
+    check(VecSet(f_.get(), 0.0));
+    system_.f.add_to(f_.get(), t, p + order, 1.0);
+    check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
+    const ReadArray image(image_.get());
+    const WriteArray values(rate);
+    for (std::size_t a = 0; a < degree.size(); ++a)
+      for (int i = p + 1; i <= degree[a]; ++i)
+        values[first[a] + i - 1] += image[first[a] + i - 1 - p];
+  }
+}
+
 void OutputForcing::increment_defect(const Step& step, Vec g_old, Vec g_new, Vec defect) {
   check(VecSet(f_.get(), 0.0));
   system_.f.add_to(f_.get(), step.t_new, 0, 1.0);

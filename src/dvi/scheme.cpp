@@ -14,6 +14,8 @@ const char* name_of(Scheme scheme) {
       return "catching-up";
     case Scheme::moreau_jean:
       return "moreau-jean";
+    case Scheme::hybrid:
+      return "hybrid";
     case Scheme::zhuravlev_ivanov:
       return "zhuravlev-ivanov";
   }

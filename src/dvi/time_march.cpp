@@ -3,7 +3,9 @@
 #include <petsc/private/tsimpl.h>
 
 #include <algorithm>
+#include <optional>
 
+#include "hybrid/hybrid.hpp"
 #include "petsc/sparse.hpp"
 #include "sweepvi/state_visitor.hpp"
 
@@ -25,6 +27,21 @@ void refuse_clock_options() {
   }
 }
 
+void read_hybrid_options(MPI_Comm comm, HybridOptions& options) {
+  const auto read = [&]() -> PetscErrorCode {
+    PetscInt crowd = static_cast<PetscInt>(options.crowd);
+    PetscOptionsBegin(comm, nullptr, "sweepvi: hybrid scheme", "sweepvi");
+    PetscCall(PetscOptionsInt("-sweepvi_hybrid_events",
+                              "events in one recorded interval; beyond, the rest of it is time-stepped",
+                              "HybridOptions", crowd, &crowd, nullptr));
+    PetscOptionsEnd();
+    options.crowd = crowd;
+    return static_cast<PetscErrorCode>(0);
+  };
+  check_options(read());
+  if (options.crowd < 1) throw InputError("-sweepvi_hybrid_events is below 1; 1000 by default");
+}
+
 }  // namespace
 
 struct TimeMarch::Impl {
@@ -34,6 +51,8 @@ struct TimeMarch::Impl {
   std::unique_ptr<StepSolver> solver;
   Observer observer;
   Observer part_observer;
+  Observer event_observer;
+  std::optional<Hybrid> hybrid;
   StepReport last;
   std::exception_ptr parked;
 
@@ -41,9 +60,10 @@ struct TimeMarch::Impl {
   void take_step() {
     TS raw = ts.get();
     const Step step{raw->steps + 1, grid.time(raw->steps), grid.time(raw->steps + 1), grid.h()};
-    last = solver->solve(step);
-    const bool whole = last.certified;
-    if (!whole) last = divide(step, last);
+    if (hybrid) last = advance(step);
+    else last = solver->solve(step);
+    const bool whole = last.certified && !hybrid;
+    if (!last.certified && !hybrid) last = divide(step, last);
     if (!last.certified) {
       raw->reason = TS_DIVERGED_NONLINEAR_SOLVE;
       return;
@@ -52,6 +72,15 @@ struct TimeMarch::Impl {
     raw->ptime = step.t_new;
     raw->time_step = step.h;
     if (observer) observer(step, last);
+  }
+
+  StepReport advance(const Step& interval) {
+    const auto call = [&](const Observer& observer_of) {
+      return [&](const Step& part) {
+        if (observer_of) observer_of(part, last);
+      };
+    };
+    return hybrid->advance(interval, *solver, call(part_observer), call(event_observer));
   }
 
   /// Takes a step in parts, the fewest that can all be solved. If there are none everything is as before.
@@ -132,7 +161,7 @@ struct TimeMarch::Impl {
 };
 
 TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done)
-    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, {}, nullptr}) {
+    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, {}, {}, {}, nullptr}) {
   impl_->last.certified = true;                      // nothing has failed yet
   check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
   check(TSCreate(problem.comm(), impl_->ts.put()));
@@ -161,6 +190,15 @@ TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done)
   impl_->solver = std::make_unique<StepSolver>(snes, problem);
 }
 
+TimeMarch::TimeMarch(HybridProcess& process, const HybridOptions& options, const TimeGrid& grid, PetscInt done)
+    : TimeMarch(process.dvi(), grid, done) {
+  HybridOptions chosen = options;
+  chosen.start = grid.start;
+  chosen.end = grid.end;
+  read_hybrid_options(process.dvi().comm(), chosen);
+  impl_->hybrid.emplace(process, chosen, grid.h());
+}
+
 TimeMarch::~TimeMarch() {
   if (impl_->ts) impl_->ts.get()->data = nullptr;
 }
@@ -171,6 +209,14 @@ void TimeMarch::observe(Observer observer) {
 
 void TimeMarch::observe_parts(Observer observer) {
   impl_->part_observer = std::move(observer);
+}
+
+void TimeMarch::observe_events(Observer observer) {
+  impl_->event_observer = std::move(observer);
+}
+
+HybridCounts TimeMarch::hybrid_counts() const {
+  return impl_->hybrid ? impl_->hybrid->counts() : HybridCounts{};
 }
 
 StepReport TimeMarch::step() {

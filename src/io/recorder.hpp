@@ -44,6 +44,11 @@ public:
   /// Takes in a part of a step, but the last: what is summed, and events.
   void part(const Step& part);
 
+  /// Writes a row for a moment between two steps, unless rows are left out (`every`).
+  void event(double t) {
+    if (every_ == 1) write_row(t);
+  }
+
   TableFile& file() { return file_; }
   /// Writes the last step taken, if it is not there yet, and gives the file its name.
   void finish();

@@ -16,9 +16,8 @@ namespace sweepvi {
 namespace {
 
 const std::vector<Scheme> all_schemes = {Scheme::homsp,       Scheme::zd_euler,    Scheme::naive_euler,
-                                         Scheme::catching_up, Scheme::moreau_jean, Scheme::zhuravlev_ivanov};
-/// What the contract names for later, so that it is not mistaken for a slip.
-const std::vector<std::string> planned_schemes = {"hybrid"};
+                                         Scheme::catching_up, Scheme::moreau_jean, Scheme::zhuravlev_ivanov,
+                                         Scheme::hybrid};
 
 template <class Choice>
 std::vector<std::string> names_of(const std::vector<Choice>& choices) {
@@ -31,8 +30,8 @@ std::vector<std::string> names_of(const std::vector<Choice>& choices) {
 
 /// The schemes of a kind of model (chains: of their element), the first where the scene says nothing.
 std::vector<Scheme> schemes_of(const std::string& kind, const TomlValue& model) {
-  if (kind == "linear") return {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
-  if (kind == "lagrangian") return {Scheme::moreau_jean, Scheme::homsp};
+  if (kind == "linear") return {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler, Scheme::hybrid};
+  if (kind == "lagrangian") return {Scheme::moreau_jean, Scheme::homsp, Scheme::hybrid};
   if (kind == "sweeping") return {Scheme::catching_up};
   if (kind == "zhuravlev-ivanov") return {Scheme::zhuravlev_ivanov};
   return chain_schemes(model);
@@ -41,7 +40,7 @@ std::vector<Scheme> schemes_of(const std::string& kind, const TomlValue& model) 
 Scheme read_scheme(const TomlValue& value, const std::vector<Scheme>& fitting) {
   const std::vector<std::string> names = names_of(fitting);
   const std::vector<std::string> known = names_of(all_schemes);
-  const std::string name = value.choice(value ? known : names, planned_schemes, true);
+  const std::string name = value.choice(value ? known : names, {}, true);
   const auto at = std::find(names.begin(), names.end(), name);
   if (at == names.end())
     value.fail(fmt::format("= \"{}\" does not fit this model; expected {}", name, fmt::join(names, ", ")));
@@ -73,7 +72,11 @@ TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
   TimeSpec time;
   time.scheme = read_scheme(scheme, fitting);
   table.refuse_unknown();
-  if (tolerance) tolerance.fail_not_built("time.step");
+  const bool event_driven = time.scheme == Scheme::hybrid;
+  if (tolerance && !event_driven) tolerance.fail("goes with the scheme \"hybrid\"; the others have time.step");
+  time.tolerance = tolerance.number_or(time.tolerance);
+  if (!(time.tolerance >= 1e-15 && time.tolerance <= 0.1))
+    tolerance.fail(fmt::format("= {}; expected 1e-15 to 0.1, relative to the size of the state", time.tolerance));
   const bool bounces = time.scheme == Scheme::moreau_jean;
   const bool transforms = time.scheme == Scheme::zhuravlev_ivanov;
   time.theta = read_weight(theta, bounces || transforms, "moreau-jean and zhuravlev-ivanov");
@@ -82,8 +85,9 @@ TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
 
   time.start = start.number_or(0.0);
   time.end = end.number();
-  const double asked = step.number();
   const double duration = time.end - time.start;
+  // The hybrid scheme finds its own steps; time.step then says how densely its motion is recorded.
+  const double asked = event_driven && !step ? duration / 1000.0 : step.number();
   if (duration <= 0.0)
     end.fail(fmt::format("= {} s; expected more than time.start = {} s", time.end, time.start));
   if (!std::isfinite(duration)) end.fail(fmt::format("= {} s is too far from time.start", time.end));

@@ -22,6 +22,7 @@ namespace sweepvi {
 /// `[time]`: K = max(1, round((end - start) / step)) steps of h = (end - start) / K.
 struct TimeSpec {
   Scheme scheme = Scheme::homsp;
+  double tolerance = 1e-8;  ///< hybrid
   double start = 0.0;      ///< [s]
   double end = 0.0;        ///< [s]
   double step = 0.0;       ///< h [s], already adjusted to hit `end`

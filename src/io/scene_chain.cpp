@@ -86,7 +86,7 @@ void check_range(const TomlValue& key, Element::Range range, const PerElement<do
 
 /// Only moreau-jean lets a mass bounce.
 void check_restitution(const TomlValue& key, Scheme scheme, const PerElement<double>& element) {
-  if (scheme == Scheme::moreau_jean) return;
+  if (scheme == Scheme::moreau_jean || scheme == Scheme::hybrid) return;
   for (std::size_t i = 0; i < element.values.size(); ++i)
     if (element.values[i] != 0.0)
       key.fail(fmt::format(
@@ -209,7 +209,7 @@ void ask(const TomlValue& table, const Element& element) {
 
 std::vector<Scheme> chain_schemes(const TomlValue& table) {
   if (read_element(table["element"]).kappa) return {Scheme::zhuravlev_ivanov};
-  std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler};
+  std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler, Scheme::hybrid};
   if (read_element(table["element"]).mass) schemes.push_back(Scheme::moreau_jean);
   return schemes;
 }

@@ -21,7 +21,7 @@ std::vector<double> read_restitution(const TomlValue& e, Scheme scheme, std::int
   }
   for (const double value : values) {
     if (!(value >= 0.0 && value <= 1.0)) e.fail(fmt::format("has the value {}; expected 0 to 1", value));
-    if (value != 0.0 && scheme != Scheme::moreau_jean)
+    if (value != 0.0 && scheme == Scheme::homsp)
       e.fail(
           fmt::format("has the value {}; the scheme \"{}\" takes all velocity into the constraint and needs "
                       "0. Use \"moreau-jean\"",

@@ -120,15 +120,20 @@ void LagrangianSystem::check_values() const {
 
 namespace {
 
-void refuse_homsp(const LagrangianSystem& system) {
+void refuse_mass_matrix(const LagrangianSystem& system) {
   agreed(system.comm(), [&] {
     for_each_row(system.M.get(), [&](PetscInt row, auto columns, auto values) {
       for (std::size_t k = 0; k < columns.size(); ++k)
         if (columns[k] != row && values[k] != 0.0)
           throw InputError(
-              "M is not diagonal; the scheme homsp works on x' = A x, where M^-1 K would be dense. Use "
-              "moreau-jean, or lump the masses");
+              "M is not diagonal; the schemes homsp and hybrid work on x' = A x, where M^-1 K would be dense. "
+              "Use moreau-jean, or lump the masses");
     });
+  });
+}
+
+void refuse_restitution(const LagrangianSystem& system) {
+  agreed(system.comm(), [&] {
     const ReadArray restitution(system.e.get());
     for (PetscInt a = 0; a < restitution.size(); ++a)
       if (restitution[a] != 0.0)
@@ -150,7 +155,12 @@ PetscInt velocity(PetscInt coordinate) {
 }  // namespace
 
 LinearSystem to_linear(const LagrangianSystem& system) {
-  refuse_homsp(system);
+  refuse_restitution(system);
+  return first_order_form(system);
+}
+
+LinearSystem first_order_form(const LagrangianSystem& system) {
+  refuse_mass_matrix(system);
   const MPI_Comm comm = system.comm();
   const LocalRange coordinates = row_range(system.M.get());
   const LocalRange constraints = row_range(system.H.get());

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <span>
+#include <string>
+
+#include "sweepvi/state_visitor.hpp"
+
+namespace sweepvi {
+
+/// Takes or replaces those numbers of a process's state that it has a name for, and leaves the others.
+class NamedNumbers final : public StateVisitor {
+public:
+  using Action = std::function<void(std::span<double>)>;
+  NamedNumbers(bool replaces, std::map<std::string, Action> actions)
+      : replaces_(replaces), actions_(std::move(actions)) {}
+  using StateVisitor::visit;
+  bool replaces() const override { return replaces_; }
+  void visit(const char* name, Belongs, std::span<double> values, std::size_t) override {
+    const auto action = actions_.find(name);
+    if (action != actions_.end()) action->second(values);
+  }
+
+private:
+  bool replaces_;
+  std::map<std::string, Action> actions_;
+};
+
+}  // namespace sweepvi
