@@ -58,6 +58,7 @@ StepReport Hybrid::advance(const Step& interval, StepSolver& solver, const Obser
   contact_known_ = false;
   impacts_.assign(constraints(), {});
   events_ = 0;
+  unseen_ = 0;
   while (t_ < interval.t_new && report_.certified)
     if ((!flow_ || !move(interval)) && report_.certified && t_ < interval.t_new)
       time_step(interval, 0.0, false);
@@ -116,7 +117,12 @@ bool Hybrid::move(const Step& interval) {
   const std::optional<double> event = flow_->first_event(*length);
   flow_->evaluate(event.value_or(*length), event.has_value(), x_.get(), z_, mu_);
   const double old = std::exchange(t_, !event && *length == left ? interval.t_new : t_ + event.value_or(*length));
-  if (!event) return t_ > old;  // shorter than the clock can tell: not smooth
+  if (t_ == old) {
+    if (event) end_flights();
+    return event && ++unseen_ < most_jumps;
+  }
+  unseen_ = 0;
+  if (!event) return true;
 
   put();
   (*part_)({interval.number, old, t_, t_ - old});
@@ -130,6 +136,16 @@ bool Hybrid::move(const Step& interval) {
   const double gap = accumulating();
   if (gap < PETSC_INFINITY) time_step(interval, 0.1 * gap, true);
   return ++events_ < options_.crowd;
+}
+
+// Flights that end before the clock moves are none: the constraints that meet their walls have not left them.
+void Hybrid::end_flights() {
+  std::vector<Side> contact = contact_;
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (contact[a] != Side::none || wall_at(a) == Side::none) continue;
+    contact[a] = wall_at(a);
+  }
+  rest(contact);
 }
 
 // One step of length 0.

@@ -30,6 +30,7 @@ public:
 
 private:
   bool heads_out() const;
+  void end_flights();
   bool jump(const Step& now);
   void tell_changes(const Step& now, const std::vector<Side>& before, bool jumped);
   double accumulating() const;
@@ -63,6 +64,7 @@ private:
   bool contact_known_ = false;
   std::vector<std::vector<double>> impacts_;  // of each constraint: when
   std::int64_t events_ = 0;
+  int unseen_ = 0;  // events since the clock last moved
 };
 
 }  // namespace sweepvi

@@ -79,9 +79,10 @@ TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
     tolerance.fail(fmt::format("= {}; expected 1e-15 to 0.1, relative to the size of the state", time.tolerance));
   const bool bounces = time.scheme == Scheme::moreau_jean;
   const bool transforms = time.scheme == Scheme::zhuravlev_ivanov;
-  time.theta = read_weight(theta, bounces || transforms, "moreau-jean and zhuravlev-ivanov");
+  // The hybrid scheme takes them for its own steps; where an impact is, it knows without detection.
+  time.theta = read_weight(theta, bounces || transforms || event_driven, "moreau-jean and zhuravlev-ivanov");
   time.gamma = read_weight(gamma, transforms, "zhuravlev-ivanov");
-  time.detection = read_detection(detection, bounces);
+  time.detection = read_detection(detection, bounces || event_driven);
 
   time.start = start.number_or(0.0);
   time.end = end.number();
