@@ -11,6 +11,8 @@
 
 namespace sweepvi {
 
+class ImpactDvi;
+class ImpactOscillators;
 class MechanicalDvi;
 struct LagrangianSystem;
 
@@ -50,6 +52,11 @@ std::unique_ptr<HybridProcess> make_hybrid(ConstrainedDvi& dvi, const LinearSyst
 /// outlive the result.
 /// @throws Error (bad_input) on every rank if M is not diagonal @note Collective.
 std::unique_ptr<HybridProcess> make_hybrid(MechanicalDvi& dvi, const LagrangianSystem& system);
+
+/// Impact oscillators without a regulator, a chain of the element "zhuravlev-ivanov". All must outlive the
+/// result. @note Collective.
+std::unique_ptr<HybridProcess> make_hybrid(ImpactDvi& dvi, const ImpactOscillators& oscillators,
+                                           const LinearSystem& system);
 
 /// How the hybrid scheme works.
 struct HybridOptions {

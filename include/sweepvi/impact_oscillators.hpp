@@ -128,6 +128,8 @@ public:
   virtual Vec lambda_v() const = 0;
   /// Impacts of the last step, impulse = the jump 2|v| of x' at the wall, and lift-offs from rest; level 2.
   virtual const std::vector<StepEvent>& events() const = 0;
+  /// Replaces them, by who moves the process otherwise than in steps (hybrid.hpp).
+  virtual void tell(std::vector<StepEvent> events) = 0;
   virtual double kinetic() const = 0;     ///< of this rank's oscillators [J]
   virtual double dissipated() const = 0;  ///< at their impacts so far [J]
 

@@ -18,6 +18,8 @@ std::unique_ptr<Case> make_case(MPI_Comm comm, Scene& scene) {
   if (scheme == Scheme::moreau_jean) return make_lagrangian_case(comm, scene);
   if (scheme == Scheme::hybrid) {
     const auto* chain = std::get_if<ChainSpec>(&scene.model);
+    if (std::holds_alternative<ImpactSpec>(scene.model) || (chain != nullptr && chain->element->kappa))
+      return make_impact_case(comm, scene);
     const bool mechanical = chain != nullptr ? chain->element->mass.has_value()
                                              : std::holds_alternative<LagrangianSpec>(scene.model);
     return mechanical ? make_lagrangian_case(comm, scene) : make_linear_case(comm, scene);

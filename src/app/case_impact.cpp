@@ -50,6 +50,9 @@ public:
   ImpactCase(MPI_Comm comm, Scene& scene) {
     const ChainSpec chain = take_chain(scene);
     options_ = options_of(scene, chain);
+    const auto* one = std::get_if<ImpactSpec>(&scene.model);
+    if (scene.time.scheme == Scheme::hybrid && (options_.regulator || (one != nullptr && one->reference)))
+      throw InputError("the scheme hybrid takes no regulator or reference: its controller acts once in each step. Use zhuravlev-ivanov");
     const PerElement<double>& kappa = chain.keys[*chain.element->kappa];
     kappa_ = bounds_of(kappa.values);
     for (const PerElement<Signal>& forces : chain.forces)
@@ -65,9 +68,11 @@ public:
       own_kappa.push_back(kappa[number]);
     oscillators_ = make_impact_oscillators(system_, std::move(own_kappa));
     dvi_ = make_impact_dvi(*oscillators_, scene.time.grid(), options_);
+    if (scene.time.scheme == Scheme::hybrid) hybrid_ = make_hybrid(*dvi_, *oscillators_, system_);
   }
 
   Dvi& dvi() override { return *dvi_; }
+  HybridProcess* hybrid() override { return hybrid_.get(); }
   Recording recording(const OutputSpec& output) const override {
     return impact_recording(output, system_, *oscillators_, *dvi_);
   }
@@ -88,6 +93,7 @@ private:
   LinearSystem system_;
   std::unique_ptr<ImpactOscillators> oscillators_;
   std::unique_ptr<ImpactDvi> dvi_;
+  std::unique_ptr<HybridProcess> hybrid_;
 };
 
 /// HO's condition, which is sufficient for rest in finite time, not necessary.

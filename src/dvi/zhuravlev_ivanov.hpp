@@ -1,5 +1,6 @@
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "dvi/impact_branch.hpp"
@@ -41,6 +42,7 @@ public:
   Vec lambda_s() const override { return lambda_s_.get(); }
   Vec lambda_v() const override { return lambda_v_.get(); }
   const std::vector<StepEvent>& events() const override { return events_; }
+  void tell(std::vector<StepEvent> events) override { events_ = std::move(events); }
   double kinetic() const override;
   double dissipated() const override { return dissipated_; }
   void set_physical(Vec x, Vec velocity) override;

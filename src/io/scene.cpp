@@ -33,7 +33,7 @@ std::vector<Scheme> schemes_of(const std::string& kind, const TomlValue& model) 
   if (kind == "linear") return {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler, Scheme::hybrid};
   if (kind == "lagrangian") return {Scheme::moreau_jean, Scheme::homsp, Scheme::hybrid};
   if (kind == "sweeping") return {Scheme::catching_up};
-  if (kind == "zhuravlev-ivanov") return {Scheme::zhuravlev_ivanov};
+  if (kind == "zhuravlev-ivanov") return {Scheme::zhuravlev_ivanov, Scheme::hybrid};
   return chain_schemes(model);
 }
 

@@ -208,7 +208,7 @@ void ask(const TomlValue& table, const Element& element) {
 }  // namespace
 
 std::vector<Scheme> chain_schemes(const TomlValue& table) {
-  if (read_element(table["element"]).kappa) return {Scheme::zhuravlev_ivanov};
+  if (read_element(table["element"]).kappa) return {Scheme::zhuravlev_ivanov, Scheme::hybrid};
   std::vector<Scheme> schemes = {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler, Scheme::hybrid};
   if (read_element(table["element"]).mass) schemes.push_back(Scheme::moreau_jean);
   return schemes;
