@@ -54,8 +54,8 @@ StepReport Hybrid::advance(const Step& interval, StepSolver& solver, const Obser
   t_ = interval.t_old;
   process_.read(x_.get(), z_);
   mu_.assign(constraints(), 0.0);
-  contact_.assign(constraints(), Side::none);
-  contact_known_ = false;
+  if (!continues_) contact_.assign(constraints(), Side::none);
+  contact_known_ = continues_ = continues_ && t_ == reached_;
   impacts_.assign(constraints(), {});
   events_ = 0;
   unseen_ = 0;
@@ -63,6 +63,7 @@ StepReport Hybrid::advance(const Step& interval, StepSolver& solver, const Obser
     if ((!flow_ || !move(interval)) && report_.certified && t_ < interval.t_new)
       time_step(interval, 0.0, false);
   if (report_.certified && flow_) put();
+  reached_ = t_;
   return report_;
 }
 
@@ -99,7 +100,9 @@ bool Hybrid::move(const Step& interval) {
     if (!jump(now)) return true;
     jumped = true;
   }
-  if (!flow_->start(t_, x_.get(), z_)) return false;
+  const bool began = flow_->start(t_, x_.get(), z_, continues_ && !jumped);
+  continues_ = false;
+  if (!began) return false;
   contact_ = flow_->contact();
   if (contact_known_ || jumped) {
     for (std::size_t a = 0; a < constraints(); ++a)
@@ -122,6 +125,7 @@ bool Hybrid::move(const Step& interval) {
     return event && ++unseen_ < most_jumps;
   }
   unseen_ = 0;
+  continues_ = !event;
   if (!event) return true;
 
   put();

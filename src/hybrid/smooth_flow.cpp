@@ -1,6 +1,7 @@
 #include "hybrid/smooth_flow.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "dvi/affine_vi.hpp"
@@ -31,7 +32,13 @@ bool anywhere(MPI_Comm comm, bool here) {
 }
 
 double factorial(int k) {
-  return std::tgamma(k + 1.0);
+  static const auto table = [] {
+    std::array<double, most_terms + 2> values{1.0};
+    for (std::size_t i = 1; i < values.size(); ++i)
+      values[i] = values[i - 1] * static_cast<double>(i);
+    return values;
+  }();
+  return table[static_cast<std::size_t>(k)];
 }
 
 double norm(Vec vector) {
@@ -74,7 +81,7 @@ SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree)
   meets_.assign(count, 0);
 }
 
-bool SmoothFlow::start(double t, Vec x, const std::vector<double>& z) {
+bool SmoothFlow::start(double t, Vec x, const std::vector<double>& z, bool continues) {
   t_ = t;
   z_ = z;
   if (X_.empty()) X_.push_back(duplicate(x));
@@ -83,7 +90,7 @@ bool SmoothFlow::start(double t, Vec x, const std::vector<double>& z) {
   w_.assign(1, std::vector<double>(constraints(), 0.0));
   lambda_.clear();
   known_ = 1;
-  bool touching = false;
+  bool touching = false, unclear = !continues;
   for (std::size_t a = 0; a < constraints(); ++a) {
     const double z1 = z[at(a, 1)];
     const bool above = z1 == upper_[a];
@@ -91,12 +98,18 @@ bool SmoothFlow::start(double t, Vec x, const std::vector<double>& z) {
     while (leading > 0 && leading < levels(a) && z[at(a, leading + 1)] == 0.0)
       ++leading;
     leading_[a] = leading;
-    tied_[a] = leading == levels(a) ? 1 : 0;
-    contact_[a] = Side::none;
+    const bool touches = leading == levels(a);
+    unclear = unclear || touches != (contact_[a] != Side::none) || tied_[a] != 0;
+    tied_[a] = touches ? 1 : 0;
     w_[0][a] = z1;
-    touching = touching || tied_[a] != 0;
+    touching = touching || touches;
   }
-  any_contact_ = undecided_ = anywhere(system_.comm(), touching);
+  any_contact_ = anywhere(system_.comm(), touching);
+  undecided_ = any_contact_ && anywhere(system_.comm(), unclear);
+  if (undecided_)
+    std::fill(contact_.begin(), contact_.end(), Side::none);
+  else
+    std::fill(tied_.begin(), tied_.end(), 0);
   for (int k = 0; undecided_ && k < decisive_terms; ++k)
     if (!next()) return false;
   // What is left is held by no force: it stays until something moves it.
@@ -223,6 +236,12 @@ bool SmoothFlow::find_multipliers() {
       check(KSPCreate(system_.comm(), contact_solver_.put()));
       check(KSPSetOptionsPrefix(contact_solver_.get(), "sweepvi_contact_"));
       default_to_mumps(contact_solver_.get());
+      // Many solves with small matrices, whose principal minors do not vanish: MUMPS is ten times slower.
+      PC pc = nullptr;
+      int ranks = 1;
+      MPI_Comm_size(system_.comm(), &ranks);
+      check(KSPGetPC(contact_solver_.get(), &pc));
+      if (ranks == 1) check(PCFactorSetMatSolverType(pc, MATSOLVERPETSC));
       check_options(KSPSetFromOptions(contact_solver_.get()));
     }
     check(KSPSetOperators(contact_solver_.get(), contact_matrix_.get(), contact_matrix_.get()));
@@ -345,16 +364,17 @@ void SmoothFlow::evaluate(double tau, bool at_event, Vec x, std::vector<double>&
     double& z1 = z[at(a, 1)];
     z1 = std::abs(z1) <= std::abs(upper_[a] - z1) ? 0.0 : upper_[a];
   }
-  if (any_contact_) project(x, t_ + tau);
+  if (at_event || any_contact_) project(x, t_ + tau, at_event);
 }
 
 void SmoothFlow::put_in_contact(const std::vector<Side>& contact, double t, Vec x) {
   contact_ = contact;
-  project(x, t);
+  project(x, t, false);
 }
 
-// Rounding would leave the outputs of contacts, slowly: back along their directions.
-void SmoothFlow::project(Vec x, double t) {
+// Rounding and truncation leave outputs that are known: back along their directions. In contact these are all, at an
+// event the first.
+void SmoothFlow::project(Vec x, double t, bool at_event) {
   forcing_.evaluate(t, g_.get());
   for (int sweep = 0; sweep < (coupled_ ? 1 + degree_.highest : 1); ++sweep) {
     check(MatMultAdd(degree_.Z.get(), x, g_.get(), outputs_.get()));
@@ -363,9 +383,10 @@ void SmoothFlow::project(Vec x, double t) {
       for (std::size_t a = 0; a < constraints(); ++a)
         for (int i = 1; i <= levels(a); ++i) {
           double& value = values[static_cast<PetscInt>(at(a, i))];
-          if (contact_[a] == Side::none)
+          const bool holds = contact_[a] != Side::none;
+          if (!holds && !(at_event && meets_[a] != 0 && i == 1))
             value = 0.0;
-          else if (i == 1 && contact_[a] == Side::upper)
+          else if (i == 1 && (holds ? contact_[a] == Side::upper : std::abs(value) > std::abs(upper_[a] - value)))
             value -= upper_[a];
         }
     }

@@ -28,7 +28,8 @@ public:
   SmoothFlow(const LinearSystem& system, const RelativeDegree& degree);
 
   /// Begins a series at t. @return false if it could not be found which constraints stay in contact.
-  bool start(double t, Vec x, const std::vector<double>& z);
+  /// @param continues  the state is where the last series led, without an event: contact is as it was
+  bool start(double t, Vec x, const std::vector<double>& z, bool continues);
 
   /// Takes terms until they have converged over `length`, or over as much of it as there are terms for.
   /// @param rate  error that is allowed in a second, relative to the size of x [1/s]
@@ -59,7 +60,7 @@ private:
   bool solve_contact_problem();
   Matrix masked_markov(bool with_tied) const;
   bool find_multipliers();
-  void project(Vec x, double t);
+  void project(Vec x, double t, bool at_event);
   std::size_t constraints() const { return contact_.size(); }
   int levels(std::size_t a) const { return degree_.degree[a]; }
   std::size_t at(std::size_t a, int level) const {
