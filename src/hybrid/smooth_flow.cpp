@@ -99,17 +99,18 @@ bool SmoothFlow::start(double t, Vec x, const std::vector<double>& z, bool conti
       ++leading;
     leading_[a] = leading;
     const bool touches = leading == levels(a);
-    unclear = unclear || touches != (contact_[a] != Side::none) || tied_[a] != 0;
-    tied_[a] = touches ? 1 : 0;
+    unclear = unclear || touches != (contact_[a] != Side::none);
     w_[0][a] = z1;
     touching = touching || touches;
   }
   any_contact_ = anywhere(system_.comm(), touching);
   undecided_ = any_contact_ && anywhere(system_.comm(), unclear);
-  if (undecided_)
-    std::fill(contact_.begin(), contact_.end(), Side::none);
-  else
-    std::fill(tied_.begin(), tied_.end(), 0);
+  if (undecided_) {
+    for (std::size_t a = 0; a < constraints(); ++a) {
+      tied_[a] = leading_[a] == levels(a) ? 1 : 0;
+      contact_[a] = Side::none;
+    }
+  }
   for (int k = 0; undecided_ && k < decisive_terms; ++k)
     if (!next()) return false;
   // What is left is held by no force: it stays until something moves it.
