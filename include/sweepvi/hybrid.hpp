@@ -19,7 +19,8 @@ struct LagrangianSystem;
 /// A process whose motion between events is that of a linear system in contact with some of its constraints,
 /// as the hybrid scheme sees it:
 ///
-///     x' = A x + B lambda + f(t),   w = C x + w0,   lambda = 0 on free constraints, w = 0 on those in contact,
+///     x' = A x + B lambda + f(t),   w = C x + w0,   lambda = 0 on free constraints, w = 0 on those in
+///     contact,
 ///
 /// and whose events are steps of length 0 of its Dvi. All methods are collective.
 class HybridProcess {
@@ -67,12 +68,12 @@ struct HybridOptions {
 
 /// What it did.
 struct HybridCounts {
-  std::int64_t expansions = 0;     ///< Taylor series
-  std::int64_t coefficients = 0;   ///< vectors in them, one MatMult with A each
-  std::int64_t events = 0;         ///< instants at which a constraint was hit or released
-  std::int64_t resets = 0;         ///< box VIs of length 0
-  std::int64_t steps = 0;          ///< of the time-stepping scheme, where events accumulate or crowd
-  double stepped = 0.0;            ///< time covered by them [s]
+  std::int64_t expansions = 0;    ///< Taylor series
+  std::int64_t coefficients = 0;  ///< vectors in them, one MatMult with A each
+  std::int64_t events = 0;        ///< instants at which a constraint was hit or released
+  std::int64_t resets = 0;        ///< box VIs of length 0
+  std::int64_t steps = 0;         ///< of the time-stepping scheme, where events accumulate or crowd
+  double stepped = 0.0;           ///< time covered by them [s]
 };
 
 }  // namespace sweepvi

@@ -4,11 +4,11 @@ namespace sweepvi {
 
 /// How a scene's process is discretised: `time.scheme`.
 enum class Scheme {
-  homsp,            ///< higher order Moreau sweeping process, AB (34)-(45)
-  zd_euler,         ///< backward Euler on the zero-dynamics form, AB (63); shown because it fails for r > 1
-  naive_euler,      ///< backward Euler on x, AB (47); shown because it fails for r > 1
-  catching_up,      ///< first-order sweeping process, AB (19)-(20)
-  moreau_jean,      ///< Lagrangian systems with restitution, AB (22)-(23)
+  homsp,             ///< higher order Moreau sweeping process, AB (34)-(45)
+  zd_euler,          ///< backward Euler on the zero-dynamics form, AB (63); shown because it fails for r > 1
+  naive_euler,       ///< backward Euler on x, AB (47); shown because it fails for r > 1
+  catching_up,       ///< first-order sweeping process, AB (19)-(20)
+  moreau_jean,       ///< Lagrangian systems with restitution, AB (22)-(23)
   zhuravlev_ivanov,  ///< impacts and twisting control in (s, v), HO (12)-(20)
   hybrid  ///< event by event: Taylor series between events, events as steps of length 0 of the other schemes
 };

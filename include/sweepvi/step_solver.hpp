@@ -49,8 +49,8 @@ enum class Rung : int {
   other_type_cold_start,  ///< the other type from there
   pivoting,               ///< small problems: outer linearisation, whose affine VIs Lemke's method solves
   pivoting_cold_start,    ///< the same from the projection of zero
-  enumeration,  ///< very small ones: its affine VIs by other starts of Lemke's method, then by trying
-                ///< for each unknown whether it is at a bound
+  enumeration,   ///< very small ones: its affine VIs by other starts of Lemke's method, then by trying
+                 ///< for each unknown whether it is at a bound
   smaller_step,  ///< several smaller steps in place of one
   hybrid         ///< an interval of the hybrid scheme, which takes steps only where it must
 };
@@ -123,9 +123,9 @@ public:
   void return_to(const Step& step, Vec point);
 
   static constexpr std::array<const char*, 10> rung_names = {
-      "predictor",           "chosen",      "other_type",  "cold_start", "other_type_cold_start", "pivoting",
+      "predictor",           "chosen",      "other_type",   "cold_start", "other_type_cold_start", "pivoting",
       "pivoting_cold_start", "enumeration", "smaller_step", "hybrid"};  ///< by Rung
-  using Rungs = std::array<std::int64_t, rung_names.size()>;  ///< steps certified by each
+  using Rungs = std::array<std::int64_t, rung_names.size()>;            ///< steps certified by each
 
 private:
   static PetscErrorCode form_function(SNES, Vec, Vec, void*);

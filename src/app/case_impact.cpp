@@ -52,7 +52,9 @@ public:
     options_ = options_of(scene, chain);
     const auto* one = std::get_if<ImpactSpec>(&scene.model);
     if (scene.time.scheme == Scheme::hybrid && (options_.regulator || (one != nullptr && one->reference)))
-      throw InputError("the scheme hybrid takes no regulator or reference: its controller acts once in each step. Use zhuravlev-ivanov");
+      throw InputError(
+          "the scheme hybrid takes no regulator or reference: its controller acts once in each step. Use "
+          "zhuravlev-ivanov");
     const PerElement<double>& kappa = chain.keys[*chain.element->kappa];
     kappa_ = bounds_of(kappa.values);
     for (const PerElement<Signal>& forces : chain.forces)

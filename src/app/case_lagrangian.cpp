@@ -33,7 +33,9 @@ bool couples(Mat matrix) {
 class LagrangianCase final : public Case {
 public:
   LagrangianCase(MPI_Comm comm, Scene& scene)
-      : options_{.theta = scene.time.theta, .detection = scene.time.scheme == Scheme::hybrid ? Detection::predicted : scene.time.detection},
+      : options_{.theta = scene.time.theta,
+                 .detection =
+                     scene.time.scheme == Scheme::hybrid ? Detection::predicted : scene.time.detection},
         names_(state_names(scene)),
         system_(make_lagrangian_system(comm, scene)) {
     system_.check_values();

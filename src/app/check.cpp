@@ -34,6 +34,9 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   row("scene", line.scene + (scene.title.empty() ? "" : " (" + scene.title + ")"));
   row("steps", fmt::format("{} of {:.9g} s from {:.9g} s to {:.9g} s, scheme {}", time.steps, time.step,
                            time.start, time.end, name_of(time.scheme)));
+  if (time.scheme == Scheme::hybrid)
+    row("hybrid", fmt::format("recorded in these steps, and before and after each event; tolerance {:.3g}",
+                              time.tolerance));
   for (const auto& [name, text] : lines)
     row(name, text);
   row("Jacobian nonzeros",

@@ -198,6 +198,7 @@ void Run::conclude() {
   summary_.status = failed ? "failed" : stopped_ ? "stopped" : "done";
   CheckpointData goes_on;
   const bool complete = summary_.exit == ExitCode::done;
+  recorder_->abandon();
   if (!complete) {
     goes_on = checkpointing_->collect(*model_, *recorder_, summary_);
     checkpointing_->write(goes_on);
@@ -212,6 +213,7 @@ void Run::conclude() {
     checkpointing_->remove();
   else
     checkpointing_->write(goes_on);
+  if (model_->hybrid() != nullptr) summary_.hybrid = march_->hybrid_counts();
   summary_.time_matmult(march_->solver().jacobian());
   summary_.unused_options = report_unused_options(comm_);
   summary_.seconds_total = MPI_Wtime() - begin_;
@@ -220,9 +222,15 @@ void Run::conclude() {
 
 void Run::tell() const {
   if (rank_ != 0) return;
-  fmt::print("{}: {} steps of {:.6g} s, {} unknowns ({}), {} constraint{}, {:.3g} s\n", path_, summary_.steps,
-             scene_.time.step, summary_.unknowns, model_->form(), summary_.constraints,
-             summary_.constraints == 1 ? "" : "s", summary_.seconds_total);
+  fmt::print("{}: {} {} of {:.6g} s, {} unknowns ({}), {} constraint{}, {:.3g} s\n", path_, summary_.steps,
+             summary_.hybrid ? "intervals" : "steps", scene_.time.step, summary_.unknowns, model_->form(),
+             summary_.constraints, summary_.constraints == 1 ? "" : "s", summary_.seconds_total);
+  if (summary_.hybrid)
+    fmt::print("tolerance {:.2g}: {} events, {} Taylor series of {:.1f} terms, {} time steps over {:.3g} s\n",
+               scene_.time.tolerance, summary_.hybrid->events, summary_.hybrid->expansions,
+               static_cast<double>(summary_.hybrid->coefficients) /
+                   static_cast<double>(std::max<std::int64_t>(1, summary_.hybrid->expansions)),
+               summary_.hybrid->steps, summary_.hybrid->stepped);
   fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
              summary_.max_residual, summary_.max_penetration, summary_.snes_iterations);
 }

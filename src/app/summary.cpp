@@ -118,6 +118,10 @@ std::string Summary::text(MPI_Comm comm) const {
   json["active_changes"] = active_changes;
   for (std::size_t i = 0; i < rungs.size(); ++i)
     json["rungs"][StepSolver::rung_names[i]] = rungs[i];
+  if (hybrid)
+    json["hybrid"] = {{"expansions", hybrid->expansions}, {"coefficients", hybrid->coefficients},
+                      {"events", hybrid->events},         {"resets", hybrid->resets},
+                      {"steps", hybrid->steps},           {"seconds_stepped", hybrid->stepped}};
   json["max_residual"] = number(max_residual);
   json["max_penetration"] = number(max_penetration);
   json["peak_rss_bytes"] = peak_rss_bytes(comm);

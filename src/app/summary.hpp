@@ -23,6 +23,7 @@ struct Summary {
   std::int64_t snes_iterations = 0;
   std::int64_t predictor_hits = 0, active_changes = 0;
   StepSolver::Rungs rungs{};
+  std::optional<HybridCounts> hybrid;  ///< of the scheme hybrid
   double max_residual = 0.0, max_penetration = 0.0;
   std::vector<std::string> unused_options;
   std::int64_t earlier_factorizations = 0, earlier_linear_solves = 0;  ///< before a restart

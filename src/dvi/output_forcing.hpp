@@ -21,8 +21,8 @@ public:
   /// increment h f lacks for AB (32) to hold exactly. @note Collective.
   void increment_defect(const Step& step, Vec g_old, Vec g_new, Vec defect);
 
-  /// sum_{p=1}^{i-1} (Z f^(p+order))_{a,i-p}: with (Z (A x + f)) it is the derivative of an output, at t, of its
-  /// own `order`-th derivative. @note Collective.
+  /// sum_{p=1}^{i-1} (Z f^(p+order))_{a,i-p}: with (Z (A x + f)) it is the derivative of an output, at t, of
+  /// its own `order`-th derivative. @note Collective.
   void remaining_rate(double t, int order, Vec rate);
 
   bool varies() const { return system_.f.varies; }

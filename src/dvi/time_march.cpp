@@ -53,6 +53,7 @@ struct TimeMarch::Impl {
   Observer part_observer;
   Observer event_observer;
   std::optional<Hybrid> hybrid;
+  StateSnapshot before;
   StepReport last;
   std::exception_ptr parked;
 
@@ -60,8 +61,10 @@ struct TimeMarch::Impl {
   void take_step() {
     TS raw = ts.get();
     const Step step{raw->steps + 1, grid.time(raw->steps), grid.time(raw->steps + 1), grid.h()};
-    if (hybrid) last = advance(step);
-    else last = solver->solve(step);
+    if (hybrid)
+      last = advance(step);
+    else
+      last = solver->solve(step);
     const bool whole = last.certified && !hybrid;
     if (!last.certified && !hybrid) last = divide(step, last);
     if (!last.certified) {
@@ -74,20 +77,23 @@ struct TimeMarch::Impl {
     if (observer) observer(step, last);
   }
 
+  /// By the hybrid scheme; if it fails, the state is that at the begin of the interval.
   StepReport advance(const Step& interval) {
     const auto call = [&](const Observer& observer_of) {
       return [&](const Step& part) {
         if (observer_of) observer_of(part, last);
       };
     };
-    return hybrid->advance(interval, *solver, call(part_observer), call(event_observer));
+    before.take(problem);
+    const StepReport report = hybrid->advance(interval, *solver, call(part_observer), call(event_observer));
+    if (!report.certified) before.put_back(problem);
+    return report;
   }
 
   /// Takes a step in parts, the fewest that can all be solved. If there are none everything is as before.
   StepReport divide(const Step& step, const StepReport& whole) {
     const PetscInt halvings = solver->options().halvings;
     if (halvings == 0 || !whole.obstacle.empty()) return whole;
-    StateSnapshot before;
     before.take(problem);
     const Vector point = duplicate(solver->solution());
     check(VecCopy(solver->solution(), point.get()));
@@ -161,7 +167,7 @@ struct TimeMarch::Impl {
 };
 
 TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done)
-    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, {}, {}, {}, nullptr}) {
+    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, {}, {}, {}, {}, nullptr}) {
   impl_->last.certified = true;                      // nothing has failed yet
   check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
   check(TSCreate(problem.comm(), impl_->ts.put()));
@@ -190,7 +196,8 @@ TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done)
   impl_->solver = std::make_unique<StepSolver>(snes, problem);
 }
 
-TimeMarch::TimeMarch(HybridProcess& process, const HybridOptions& options, const TimeGrid& grid, PetscInt done)
+TimeMarch::TimeMarch(HybridProcess& process, const HybridOptions& options, const TimeGrid& grid,
+                     PetscInt done)
     : TimeMarch(process.dvi(), grid, done) {
   HybridOptions chosen = options;
   chosen.start = grid.start;

@@ -8,8 +8,9 @@ namespace sweepvi {
 /// c_0 + c_1 tau + ... at tau.
 double polynomial(std::span<const double> coefficients, double tau);
 
-/// The first tau in (0, length] where a polynomial becomes negative; 0 if it begins so. Where its coefficients
-/// begin with zeros, the sign right after 0 counts. A minimum that touches zero only up to rounding is none.
+/// The first tau in (0, length] where a polynomial becomes negative; 0 if it begins so. Where its
+/// coefficients begin with zeros, the sign right after 0 counts. A minimum that touches zero only up to
+/// rounding is none.
 ///
 /// No root is missed: pieces whose coefficients bound the polynomial away from zero are dropped, on monotone
 /// ones the end decides, the others are halved.

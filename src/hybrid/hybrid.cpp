@@ -11,11 +11,11 @@ namespace sweepvi {
 
 namespace {
 
-constexpr int most_jumps = 50;        // at one instant
+constexpr int most_jumps = 50;           // at one instant
 constexpr std::size_t accumulation = 3;  // gaps between impacts that shrink
-constexpr int quiet_steps = 10;       // without any change of contact
-constexpr int coarse_steps = 16;      // of what is left of an interval, where no better step is known
-constexpr double fine_steps = 2e4;    // at most
+constexpr int quiet_steps = 10;          // without any change of contact
+constexpr int coarse_steps = 16;         // of what is left of an interval, where no better step is known
+constexpr double fine_steps = 2e4;       // at most
 
 bool any_rank(MPI_Comm comm, bool here) {
   int found = here ? 1 : 0;
@@ -119,7 +119,8 @@ bool Hybrid::move(const Step& interval) {
   if (!length) return false;
   const std::optional<double> event = flow_->first_event(*length);
   flow_->evaluate(event.value_or(*length), event.has_value(), x_.get(), z_, mu_);
-  const double old = std::exchange(t_, !event && *length == left ? interval.t_new : t_ + event.value_or(*length));
+  const double old =
+      std::exchange(t_, !event && *length == left ? interval.t_new : t_ + event.value_or(*length));
   if (t_ == old) {
     if (event) end_flights();
     return event && ++unseen_ < most_jumps;

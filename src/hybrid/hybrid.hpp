@@ -62,8 +62,8 @@ private:
   std::vector<double> z_, mu_;
   std::vector<Side> contact_;
   bool contact_known_ = false;
-  bool continues_ = false;  // nothing has happened since the last series
-  double reached_ = 0.0;    // where the last interval ended
+  bool continues_ = false;                    // nothing has happened since the last series
+  double reached_ = 0.0;                      // where the last interval ended
   std::vector<std::vector<double>> impacts_;  // of each constraint: when
   std::int64_t events_ = 0;
   int unseen_ = 0;  // events since the clock last moved

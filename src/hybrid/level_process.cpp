@@ -33,42 +33,40 @@ public:
     const auto zero = [](std::span<double> values) { std::fill(values.begin(), values.end(), 0.0); };
     const auto width = static_cast<std::size_t>(dvi_.mu_levels());
     const std::size_t count = contact.size();
-    NamedNumbers put(
-        true,
-        {{"x",
-          [&](std::span<double> values) {
-            const ReadArray from(x);
-            std::copy_n(from.data(), from.size(), values.begin());
-          }},
-         {"z",
-          [&](std::span<double> values) {
-            for (std::size_t a = 0; a < count; ++a)
-              for (int i = 1; i <= degree_.degree[a]; ++i)
-                values[a * width + static_cast<std::size_t>(i - 1)] = z[at(a, i)];
-          }},
-         {"mu",
-          [&](std::span<double> values) {
-            zero(values);
-            for (std::size_t a = 0; a < count; ++a)
-              values[a * width + static_cast<std::size_t>(degree_.degree[a] - 1)] = mu[a];
-          }},
-         {"w",
-          [&](std::span<double> values) {
-            for (std::size_t a = 0; a < count; ++a)
-              values[a] = z[at(a, 1)];
-          }},
-         {"level",
-          [&](std::span<double> values) {
-            for (std::size_t a = 0; a < count; ++a)
-              values[a] = contact[a] == Side::none ? 1.0 : degree_.degree[a];
-          }},
-         {"side",
-          [&](std::span<double> values) {
-            for (std::size_t a = 0; a < count; ++a)
-              values[a] = sign(contact[a]);
-          }},
-         {"nu", zero},
-         {"nu above", zero}});
+    NamedNumbers put(true, {{"x",
+                             [&](std::span<double> values) {
+                               const ReadArray from(x);
+                               std::copy_n(from.data(), from.size(), values.begin());
+                             }},
+                            {"z",
+                             [&](std::span<double> values) {
+                               for (std::size_t a = 0; a < count; ++a)
+                                 for (int i = 1; i <= degree_.degree[a]; ++i)
+                                   values[a * width + static_cast<std::size_t>(i - 1)] = z[at(a, i)];
+                             }},
+                            {"mu",
+                             [&](std::span<double> values) {
+                               zero(values);
+                               for (std::size_t a = 0; a < count; ++a)
+                                 values[a * width + static_cast<std::size_t>(degree_.degree[a] - 1)] = mu[a];
+                             }},
+                            {"w",
+                             [&](std::span<double> values) {
+                               for (std::size_t a = 0; a < count; ++a)
+                                 values[a] = z[at(a, 1)];
+                             }},
+                            {"level",
+                             [&](std::span<double> values) {
+                               for (std::size_t a = 0; a < count; ++a)
+                                 values[a] = contact[a] == Side::none ? 1.0 : degree_.degree[a];
+                             }},
+                            {"side",
+                             [&](std::span<double> values) {
+                               for (std::size_t a = 0; a < count; ++a)
+                                 values[a] = sign(contact[a]);
+                             }},
+                            {"nu", zero},
+                            {"nu above", zero}});
     dvi_.visit(put);
   }
 

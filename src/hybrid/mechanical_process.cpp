@@ -54,23 +54,22 @@ public:
           values[a] = contact[a] == Side::none ? open : closed;
       };
     };
-    NamedNumbers put(true, {{"q", part_of_x(0)},
-                            {"v", part_of_x(1)},
-                            {"gap", part_of_z(0)},
-                            {"gap velocity", part_of_z(1)},
-                            {"level", of_contact(1.0, 2.0)},
-                            {"contact", of_contact(0.0, 1.0)},
-                            {"side", of_contact(0.0, 1.0)},
-                            {"mu",
-                             [&](std::span<double> values) {
-                               for (std::size_t a = 0; a < mu.size(); ++a) {
-                                 values[2 * a] = 0.0;
-                                 values[2 * a + 1] = mu[a];
-                               }
-                             }},
-                            {"nu", [](std::span<double> values) {
-                               std::fill(values.begin(), values.end(), 0.0);
-                             }}});
+    NamedNumbers put(
+        true, {{"q", part_of_x(0)},
+               {"v", part_of_x(1)},
+               {"gap", part_of_z(0)},
+               {"gap velocity", part_of_z(1)},
+               {"level", of_contact(1.0, 2.0)},
+               {"contact", of_contact(0.0, 1.0)},
+               {"side", of_contact(0.0, 1.0)},
+               {"mu",
+                [&](std::span<double> values) {
+                  for (std::size_t a = 0; a < mu.size(); ++a) {
+                    values[2 * a] = 0.0;
+                    values[2 * a + 1] = mu[a];
+                  }
+                }},
+               {"nu", [](std::span<double> values) { std::fill(values.begin(), values.end(), 0.0); }}});
     dvi_.visit(put);
   }
 

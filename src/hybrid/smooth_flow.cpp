@@ -16,8 +16,8 @@ namespace sweepvi {
 namespace {
 
 constexpr int most_terms = 40;
-constexpr int decisive_terms = 8;  // derivatives that may say whether a contact is left
-constexpr double tie = 1e-12;      // a derivative that is this small, relative to its terms, is zero
+constexpr int decisive_terms = 8;   // derivatives that may say whether a contact is left
+constexpr double tie = 1e-12;       // a derivative that is this small, relative to its terms, is zero
 constexpr double together = 1e-13;  // events so close, relative to the time, are one
 
 std::vector<double> values_of(Vec vector) {
@@ -308,7 +308,8 @@ std::vector<double> SmoothFlow::guard(std::size_t a, Side wall) const {
     coefficients[k] = s * w_[k][a];
   if (wall == Side::upper) coefficients[0] += upper_[a];
   if (leading_[a] > 0 && wall == wall_of(a))
-    std::fill_n(coefficients.begin(), std::min<std::size_t>(coefficients.size(), static_cast<std::size_t>(leading_[a])), 0.0);
+    std::fill_n(coefficients.begin(),
+                std::min<std::size_t>(coefficients.size(), static_cast<std::size_t>(leading_[a])), 0.0);
   return coefficients;
 }
 
@@ -356,7 +357,8 @@ void SmoothFlow::evaluate(double tau, bool at_event, Vec x, std::vector<double>&
     const Side wall = leading_[a] > 0 ? wall_of(a) : Side::lower;
     std::vector<double> distance = guard(a, wall);
     for (int i = 1; i <= levels(a); ++i) {
-      z[at(a, i)] = sign(wall) * polynomial(distance, tau) + (i == 1 && wall == Side::upper ? upper_[a] : 0.0);
+      z[at(a, i)] =
+          sign(wall) * polynomial(distance, tau) + (i == 1 && wall == Side::upper ? upper_[a] : 0.0);
       for (std::size_t k = 1; k < distance.size(); ++k)
         distance[k - 1] = static_cast<double>(k) * distance[k];
       distance.back() = 0.0;
@@ -373,8 +375,8 @@ void SmoothFlow::put_in_contact(const std::vector<Side>& contact, double t, Vec 
   project(x, t, false);
 }
 
-// Rounding and truncation leave outputs that are known: back along their directions. In contact these are all, at an
-// event the first.
+// Rounding and truncation leave outputs that are known: back along their directions. In contact these are
+// all, at an event the first.
 void SmoothFlow::project(Vec x, double t, bool at_event) {
   forcing_.evaluate(t, g_.get());
   for (int sweep = 0; sweep < (coupled_ ? 1 + degree_.highest : 1); ++sweep) {
@@ -387,7 +389,8 @@ void SmoothFlow::project(Vec x, double t, bool at_event) {
           const bool holds = contact_[a] != Side::none;
           if (!holds && !(at_event && meets_[a] != 0 && i == 1))
             value = 0.0;
-          else if (i == 1 && (holds ? contact_[a] == Side::upper : std::abs(value) > std::abs(upper_[a] - value)))
+          else if (i == 1 &&
+                   (holds ? contact_[a] == Side::upper : std::abs(value) > std::abs(upper_[a] - value)))
             value -= upper_[a];
         }
     }

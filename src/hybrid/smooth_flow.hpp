@@ -40,8 +40,8 @@ public:
   /// which.
   std::optional<double> first_event(double length);
 
-  /// x and z at tau; outputs in contact are 0, those that meet their wall at tau exactly on it. mu: integral of
-  /// lambda up to tau.
+  /// x and z at tau; outputs in contact are 0, those that meet their wall at tau exactly on it. mu: integral
+  /// of lambda up to tau.
   void evaluate(double tau, bool at_event, Vec x, std::vector<double>& z, std::vector<double>& mu);
 
   /// Moves x, at time t, to where the outputs of these contacts are 0.
@@ -49,7 +49,7 @@ public:
 
   const std::vector<Side>& contact() const { return contact_; }
   int terms() const { return known_; }
-  double size() const { return norms_[0]; }  ///< |x|
+  double size() const { return norms_[0]; }             ///< |x|
   double curvature() const { return 2.0 * norms_[2]; }  ///< |x''|
 
 private:
@@ -75,10 +75,10 @@ private:
   OutputForcing forcing_;
   Matrix last_rows_;  // rows (a, r_a) of Z: m x n
   Matrix abs_A_, abs_last_;
-  Matrix contact_matrix_;  // M of those in contact, where it is coupled
-  bool coupled_ = false;              // M is not diagonal
-  bool any_contact_ = false;          // on some rank, or some constraint may be
-  bool undecided_ = false;            // on some rank
+  Matrix contact_matrix_;     // M of those in contact, where it is coupled
+  bool coupled_ = false;      // M is not diagonal
+  bool any_contact_ = false;  // on some rank, or some constraint may be
+  bool undecided_ = false;    // on some rank
   LinearSolver contact_solver_;
   std::vector<Side> factored_;
   std::vector<double> upper_;  // walls
@@ -91,10 +91,10 @@ private:
   int known_ = 0;                            // terms of X
   std::vector<double> z_;                    // at t
   std::vector<Side> contact_;
-  std::vector<char> tied_;     // touching, and no derivative has decided yet
+  std::vector<char> tied_;       // touching, and no derivative has decided yet
   std::vector<double> leaving_;  // a + M Lambda
-  std::vector<int> leading_;   // coefficients of w that are exactly 0 (up to the wall)
-  std::vector<char> meets_;    // of the last event
+  std::vector<int> leading_;     // coefficients of w that are exactly 0 (up to the wall)
+  std::vector<char> meets_;      // of the last event
   Vector rate_, a_, lambda_now_, terms_, outputs_, g_, work_, w_now_;
 };
 

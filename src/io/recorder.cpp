@@ -5,6 +5,7 @@
 #include <functional>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include "io/rungs_field.hpp"
 #include "parallel/gather.hpp"
@@ -91,7 +92,7 @@ Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time
 Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every,
                    const Dvi& dvi, Recording recording)
     : Recorder(path, overwrite, time, every, dvi, std::move(recording), std::string()) {
-  write_row(time.start);
+  write(make_row(time.start));
 }
 
 Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every,
@@ -150,30 +151,66 @@ void Recorder::load(const CheckpointData& data) {
   }
 }
 
+Recorder::UnderWay& Recorder::under_way() {
+  if (under_way_) return *under_way_;
+  UnderWay& now = under_way_.emplace();
+  for (const Column& column : columns_)
+    now.sums.push_back(column.quantity.summed ? column.mine : std::vector<double>());
+  now.iterations = iterations_;
+  now.seconds = seconds_;
+  now.residual = residual_;
+  now.rungs = rungs_;
+  now.pending = pending_;
+  return now;
+}
+
 void Recorder::part(const Step& part) {
+  UnderWay& now = under_way();
   for (Column& column : columns_) {
     if (!column.quantity.summed) continue;
     work_.resize(column.mine.size());
     column.quantity.read(work_.data());
     std::transform(work_.begin(), work_.end(), column.mine.begin(), column.mine.begin(), std::plus<>());
   }
-  if (recording_.events)
-    for (const Event& event : recording_.events(part.t_new))
-      file_.add_event(event);
+  if (!recording_.events) return;
+  const std::vector<Event> events = recording_.events(part.t_new);
+  now.events.insert(now.events.end(), events.begin(), events.end());
+}
+
+void Recorder::event(double t) {
+  UnderWay& now = under_way();
+  if (every_ == 1) now.rows.push_back(make_row(t));
+}
+
+void Recorder::abandon() {
+  if (!under_way_) return;
+  for (std::size_t k = 0; k < columns_.size(); ++k)
+    if (columns_[k].quantity.summed) columns_[k].mine = under_way_->sums[k];
+  iterations_ = under_way_->iterations;
+  seconds_ = under_way_->seconds;
+  residual_ = under_way_->residual;
+  rungs_ = under_way_->rungs;
+  pending_ = under_way_->pending;
+  under_way_.reset();
 }
 
 void Recorder::step(const Step& step, const StepReport& report, double seconds) {
   part(step);
+  for (const Row& row : under_way_->rows)
+    write(row);
+  for (const Event& event : under_way_->events)
+    file_.add_event(event);
+  under_way_.reset();
   iterations_ += report.iterations;
   seconds_ += seconds;
   residual_ = std::max(residual_, report.residual);
   ++rungs_[static_cast<std::size_t>(report.rung)];
   pending_ = step.t_new;
-  if (step.number % every_ == 0 || step.number == last_step_) write_row(step.t_new);
+  if (step.number % every_ == 0 || step.number == last_step_) write(make_row(step.t_new));
 }
 
 // FileOrder brings one number of each entry at a time.
-void Recorder::write(std::size_t field, Column& column) {
+void Recorder::collect(Column& column) {
   if (!column.quantity.summed) column.quantity.read(column.mine.data());
   const std::size_t width = column.width;
   const std::size_t entries = column.mine.size() / width;
@@ -191,37 +228,52 @@ void Recorder::write(std::size_t field, Column& column) {
         column.slice[i * width + k] = part_[i];
     }
   }
-  if (column.quantity.type == FieldSpec::Type::real) {
-    std::copy(column.slice.begin(), column.slice.end(), file_.real(field));
-  } else {
-    std::transform(column.slice.begin(), column.slice.end(), file_.integer(field),
-                   [](double value) { return static_cast<std::int32_t>(std::lround(value)); });
-  }
   if (column.quantity.summed) std::fill(column.mine.begin(), column.mine.end(), 0.0);
 }
 
-void Recorder::write_row(double time) {
-  for (std::size_t k = 0; k < columns_.size(); ++k)
-    write(Field::first_quantity + k, columns_[k]);
-  std::int64_t in_contact = dvi_.active();
-  MPI_Allreduce(MPI_IN_PLACE, &in_contact, 1, MPI_INT64_T, MPI_SUM, comm_);
-  file_.real(Field::t)[0] = time;
+// Takes what has come since the last row.
+Recorder::Row Recorder::make_row(double t) {
+  Row row;
+  row.t = t;
+  for (Column& column : columns_) {
+    collect(column);
+    row.slices.push_back(column.slice);
+  }
+  row.in_contact = dvi_.active();
+  MPI_Allreduce(MPI_IN_PLACE, &row.in_contact, 1, MPI_INT64_T, MPI_SUM, comm_);
+  row.iterations = std::exchange(iterations_, 0.0);
+  row.seconds = std::exchange(seconds_, 0.0);
+  row.residual = std::exchange(residual_, 0.0);
+  row.rungs = std::exchange(rungs_, {});
+  pending_.reset();
+  return row;
+}
+
+void Recorder::write(const Row& row) {
+  for (std::size_t k = 0; k < columns_.size(); ++k) {
+    const std::vector<double>& slice = row.slices[k];
+    const std::size_t field = Field::first_quantity + k;
+    if (columns_[k].quantity.type == FieldSpec::Type::real)
+      std::copy(slice.begin(), slice.end(), file_.real(field));
+    else
+      std::transform(slice.begin(), slice.end(), file_.integer(field),
+                     [](double value) { return static_cast<std::int32_t>(std::lround(value)); });
+  }
+  file_.real(Field::t)[0] = row.t;
   // Rows may be far apart; the dataset has 32 bits.
   constexpr double most = std::numeric_limits<std::int32_t>::max();
-  file_.integer(Field::iterations)[0] = static_cast<std::int32_t>(std::min(iterations_, most));
-  file_.real(Field::seconds)[0] = seconds_;
-  file_.real(Field::residual)[0] = residual_;
-  file_.integer(Field::active)[0] = static_cast<std::int32_t>(in_contact);
+  file_.integer(Field::iterations)[0] = static_cast<std::int32_t>(std::min(row.iterations, most));
+  file_.real(Field::seconds)[0] = row.seconds;
+  file_.real(Field::residual)[0] = row.residual;
+  file_.integer(Field::active)[0] = static_cast<std::int32_t>(row.in_contact);
   for (std::size_t k = 0; k < file_.slice_size(Field::rungs); ++k)
-    file_.integer(Field::rungs)[k] = static_cast<std::int32_t>(rungs_[k]);
+    file_.integer(Field::rungs)[k] = static_cast<std::int32_t>(row.rungs[k]);
   file_.commit_row();
-  rungs_.fill(0);
-  iterations_ = seconds_ = residual_ = 0.0;
-  pending_.reset();
 }
 
 void Recorder::finish() {
-  if (pending_) write_row(*pending_);
+  abandon();
+  if (pending_) write(make_row(*pending_));
   file_.finish();
 }
 

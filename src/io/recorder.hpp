@@ -41,13 +41,15 @@ public:
   /// Takes in a certified step, which took `seconds`; writes a row if one is due.
   void step(const Step& step, const StepReport& report, double seconds);
 
-  /// Takes in a part of a step, but the last: what is summed, and events.
+  /// Takes in a part of a step, but the last: what is summed, and events. It counts once the step is taken
+  /// in.
   void part(const Step& part);
 
-  /// Writes a row for a moment between two steps, unless rows are left out (`every`).
-  void event(double t) {
-    if (every_ == 1) write_row(t);
-  }
+  /// Takes a row for a moment within a step, unless rows are left out (`every`); likewise.
+  void event(double t);
+
+  /// Forgets parts and rows since the last step: it will not be taken.
+  void abandon();
 
   TableFile& file() { return file_; }
   /// Writes the last step taken, if it is not there yet, and gives the file its name.
@@ -66,11 +68,31 @@ private:
   };
   Recorder(const std::string& path, bool overwrite, const TimeSpec& time, std::int64_t every, const Dvi& dvi,
            Recording recording, const std::string& partial);
+  /// A row, before it is in the file: what each quantity is, on this rank.
+  struct Row {
+    double t = 0.0;
+    std::vector<std::vector<double>> slices;
+    double iterations = 0.0, seconds = 0.0, residual = 0.0;
+    std::int64_t in_contact = 0;
+    StepSolver::Rungs rungs{};
+  };
+  /// What a step that is under way has added so far, and what there was before it.
+  struct UnderWay {
+    std::vector<Row> rows;
+    std::vector<Event> events;
+    std::vector<std::vector<double>> sums;
+    double iterations = 0.0, seconds = 0.0, residual = 0.0;
+    StepSolver::Rungs rungs{};
+    std::optional<double> pending;
+  };
+
   void load(const CheckpointData& data);
+  UnderWay& under_way();
   static std::vector<Column> make_columns(MPI_Comm comm, std::vector<Quantity> quantities);
   static std::vector<FieldSpec> fields(MPI_Comm comm, const std::vector<Column>& columns);
-  void write_row(double t);
-  void write(std::size_t field, Column& column);
+  Row make_row(double t);
+  void collect(Column& column);
+  void write(const Row& row);
 
   MPI_Comm comm_;
   const Dvi& dvi_;
@@ -80,6 +102,7 @@ private:
   std::vector<Column> columns_;
   TableFile file_;
 
+  std::optional<UnderWay> under_way_;
   std::optional<double> pending_;  // time of a step not yet written
   double iterations_ = 0.0, seconds_ = 0.0, residual_ = 0.0;
   StepSolver::Rungs rungs_{};

@@ -73,10 +73,12 @@ TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
   time.scheme = read_scheme(scheme, fitting);
   table.refuse_unknown();
   const bool event_driven = time.scheme == Scheme::hybrid;
-  if (tolerance && !event_driven) tolerance.fail("goes with the scheme \"hybrid\"; the others have time.step");
+  if (tolerance && !event_driven)
+    tolerance.fail("goes with the scheme \"hybrid\"; the others have time.step");
   time.tolerance = tolerance.number_or(time.tolerance);
   if (!(time.tolerance >= 1e-15 && time.tolerance <= 0.1))
-    tolerance.fail(fmt::format("= {}; expected 1e-15 to 0.1, relative to the size of the state", time.tolerance));
+    tolerance.fail(
+        fmt::format("= {}; expected 1e-15 to 0.1, relative to the size of the state", time.tolerance));
   const bool bounces = time.scheme == Scheme::moreau_jean;
   const bool transforms = time.scheme == Scheme::zhuravlev_ivanov;
   // The hybrid scheme takes them for its own steps; where an impact is, it knows without detection.

@@ -126,7 +126,8 @@ void refuse_mass_matrix(const LagrangianSystem& system) {
       for (std::size_t k = 0; k < columns.size(); ++k)
         if (columns[k] != row && values[k] != 0.0)
           throw InputError(
-              "M is not diagonal; the schemes homsp and hybrid work on x' = A x, where M^-1 K would be dense. "
+              "M is not diagonal; the schemes homsp and hybrid work on x' = A x, where M^-1 K would be "
+              "dense. "
               "Use moreau-jean, or lump the masses");
     });
   });
