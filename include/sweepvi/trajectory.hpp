@@ -1,5 +1,7 @@
 #pragma once
 
+#include <mpi.h>
+
 #include <cstddef>
 #include <vector>
 
@@ -39,5 +41,10 @@ public:
 private:
   std::vector<double> x_;
 };
+
+/// The largest absolute value of any entry. Reads every row, each rank its share.
+/// @throws Error on every rank, if a row cannot be read
+/// @note Collective on comm.
+double largest_entry(MPI_Comm comm, Trajectory& trajectory);
 
 }  // namespace sweepvi

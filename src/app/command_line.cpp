@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <cmath>
 #include <cstdlib>
 #include <span>
 #include <string_view>
@@ -27,10 +28,11 @@ const std::vector<VerbEntry>& verbs() {
       {"run", Verb::run, "SCENE.toml", "simulate a scene and record its trajectory"},
       {"check", Verb::check, "SCENE.toml", "read and classify a scene; solve nothing, write nothing"},
       {"solve", Verb::solve, "PROBLEM.toml", "solve one box VI, LCP or mixed LCP"},
+      {"compare", Verb::compare, "A.h5 B.h5",
+       "distances between two recorded runs, or from a table FILE.csv"},
       {"info", Verb::info, "", "versions of sweepvi and of the libraries it uses; also --version"},
       {"help", Verb::help, "[VERB]", "this text, or that of a verb; also -h, --help, -help"},
       {"study", std::nullopt, "SCENE.toml", ""},
-      {"compare", std::nullopt, "A.h5 B.h5", ""},
       {"bench", std::nullopt, "SCENE.toml", ""}};
   return entries;
 }
@@ -62,6 +64,17 @@ const std::vector<OptionEntry>& options() {
        {Verb::run, Verb::solve},
        true,
        "write one JSON object with status, counts and times"},
+      {"--components",
+       "0,1,...",
+       {Verb::compare},
+       true,
+       "columns of /x to look at, numbered from 0 (default: all)"},
+      {"--tolerance",
+       "X",
+       {Verb::compare},
+       true,
+       "of the Hausdorff distance (default: 1e-3 of it, but at most 1e-6 of the largest |x|)"},
+      {"--summary", "FILE.json", {Verb::compare}, true, "write the same numbers as one JSON object"},
       {"--force", "", {Verb::run, Verb::solve}, true, "replace output files that exist"},
       {"--restart",
        "FILE.h5",
@@ -73,7 +86,8 @@ const std::vector<OptionEntry>& options() {
        "",
        {Verb::run, Verb::check, Verb::solve},
        true,
-       "this text; after the file also the options of what it builds"}};
+       "this text; after the file also the options of what it builds"},
+      {"--help", "", {Verb::compare}, true, "this text"}};
   return entries;
 }
 
@@ -120,17 +134,20 @@ public:
 
   CommandLine parse() {
     const VerbEntry& entry = entry_of(line_.verb);
-    const bool wants_scene =
-        line_.verb == Verb::run || line_.verb == Verb::check || line_.verb == Verb::solve;
-    if (wants_scene && !words_.empty() && !is_option(words_[0])) line_.scene = take();
+    const bool compares = line_.verb == Verb::compare;
+    const bool wants_file =
+        line_.verb == Verb::run || line_.verb == Verb::check || line_.verb == Verb::solve || compares;
+    if (wants_file && !words_.empty() && !is_option(words_[0])) line_.scene = take();
+    if (compares && !words_.empty() && !is_option(words_[0])) line_.other = take();
     while (!words_.empty())
       parse_word(take());
     if (line_.help_requested) {
       line_.help_topic = line_.verb;
+      if (compares) line_.scene.clear();  // it builds nothing that has options
       if (line_.scene.empty()) line_.verb = Verb::help;
-    } else if (wants_scene && line_.scene.empty()) {
-      throw InputError(
-          fmt::format("'{0}' needs a {1} directly after it: sweepvi {0} {1} ...", entry.name, entry.operand));
+    } else if (wants_file && (line_.scene.empty() || (compares && line_.other.empty()))) {
+      throw InputError(fmt::format("'{0}' needs {2}{1} directly after it: sweepvi {0} {1} ...", entry.name,
+                                   entry.operand, compares ? "" : "a "));
     }
     return std::move(line_);
   }
@@ -158,9 +175,11 @@ private:
     } else if (is_option(word)) {
       parse_petsc(word);
     } else {
-      throw InputError(
-          fmt::format("unexpected word '{}'; '{}' takes {}, then options, each with at most one value", word,
-                      verb_name(), line_.scene.empty() ? "no file" : "one file, directly after it"));
+      throw InputError(fmt::format(
+          "unexpected word '{}'; '{}' takes {}, then options, each with at most one value", word, verb_name(),
+          line_.scene.empty()           ? "no file"
+          : line_.verb == Verb::compare ? "two files, directly after it"
+                                        : "one file, directly after it"));
     }
   }
 
@@ -201,6 +220,10 @@ private:
       add_set(value);
     } else if (word == "--wall-limit") {
       set_wall_limit(value);
+    } else if (word == "--components") {
+      set_components(value);
+    } else if (word == "--tolerance") {
+      set_tolerance(value);
     } else {
       keep_once(word, value,
                 word == "-o"          ? line_.output
@@ -248,6 +271,38 @@ private:
       throw InputError(
           fmt::format("--wall-limit {} and --wall-limit {} contradict each other", *line_.wall_limit, text));
     line_.wall_limit = seconds;
+  }
+
+  void set_components(const std::string& text) {
+    std::vector<std::int64_t> columns;
+    const char* const end = text.data() + text.size();
+    for (const char* at = text.data();; ++at) {
+      std::int64_t column = -1;
+      const auto [after, failure] = std::from_chars(at, end, column);
+      if (failure != std::errc() || column < 0 || (after != end && *after != ','))
+        throw InputError(fmt::format(
+            "--components {}: expected column numbers from 0 with commas between, as in 0,1,4", text));
+      columns.push_back(column);
+      at = after;
+      if (at == end) break;
+    }
+    std::sort(columns.begin(), columns.end());
+    const auto twice = std::adjacent_find(columns.begin(), columns.end());
+    if (twice != columns.end())
+      throw InputError(fmt::format("--components {}: {} is there twice", text, *twice));
+    if (!line_.components.empty() && line_.components != columns)
+      throw InputError(fmt::format("--components {} contradicts an earlier --components", text));
+    line_.components = columns;
+  }
+
+  void set_tolerance(const std::string& text) {
+    const std::optional<double> tolerance = to_number(text);
+    if (!tolerance || !(*tolerance > 0.0) || !std::isfinite(*tolerance))
+      throw InputError(fmt::format("--tolerance {}: expected a number above 0", text));
+    if (line_.tolerance && *line_.tolerance != *tolerance)
+      throw InputError(
+          fmt::format("--tolerance {} and --tolerance {} contradict each other", *line_.tolerance, text));
+    line_.tolerance = tolerance;
   }
 
   void add_set(const std::string& text) {
@@ -355,6 +410,10 @@ std::string help_text(std::optional<Verb> topic) {
     for (const Alias& alias : aliases())
       rows.emplace_back(alias.word + " VALUE", fmt::format("the same as --set {}=VALUE", alias.key));
   if (rows.empty()) return fmt::format("Usage: sweepvi {}\n\n{}\n", verb.name, verb.text);
+  if (*topic == Verb::compare)
+    return fmt::format(
+        "Usage: [mpirun -n N] sweepvi {} {} [options]\n\n{}; writes nothing but --summary\n\n{}", verb.name,
+        verb.operand, verb.text, columns(rows));
   return fmt::format(
       "Usage: sweepvi {} {} [options] [PETSc options]\n\n{}\n\n{}"
       "\nOther words with one dash go to PETSc; '-help' after {} lists those that apply, ours among them as\n"

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -8,27 +9,30 @@
 
 namespace sweepvi::app {
 
-enum class Verb { run, check, solve, info, help };
+enum class Verb { run, check, solve, compare, info, help };
 
 /// The command line, split: ours on one side, PETSc's words on the other.
 struct CommandLine {
   Verb verb = Verb::help;
-  std::optional<Verb> help_topic;      ///< `help run`, or `run --help`
-  bool help_requested = false;         ///< -h, --help, -help (with a scene: also the options of its objects)
-  std::string scene;                   ///< SCENE or PROBLEM
-  std::optional<std::string> output;   ///< -o
-  std::optional<std::string> summary;  ///< --summary
-  std::optional<std::string> restart;  ///< --restart
-  std::optional<double> wall_limit;    ///< --wall-limit [s]
-  bool force = false;                  ///< --force
-  Overrides overrides;                 ///< --set, in order; -ts_dt, -ts_max_time, -ts_theta_theta folded in
+  std::optional<Verb> help_topic;  ///< `help run`, or `run --help`
+  bool help_requested = false;     ///< -h, --help, -help (with a scene: also the options of its objects)
+  std::string scene;               ///< SCENE or PROBLEM, A.h5 of compare
+  std::string other;               ///< B.h5 of compare
+  std::vector<std::int64_t> components;  ///< --components, ascending; empty: all
+  std::optional<double> tolerance;       ///< --tolerance [t, x]
+  std::optional<std::string> output;     ///< -o
+  std::optional<std::string> summary;    ///< --summary
+  std::optional<std::string> restart;    ///< --restart
+  std::optional<double> wall_limit;      ///< --wall-limit [s]
+  bool force = false;                    ///< --force
+  Overrides overrides;                   ///< --set, in order; -ts_dt, -ts_max_time, -ts_theta_theta folded in
   std::vector<std::string> petsc_words;  ///< everything else, in order, program name excluded
 };
 
 /// Pure text work: no file is opened, MPI and PETSc need not be initialised.
 /// @throws Error (bad_input): unknown verb or word (with the nearest known), missing or contradicting values,
 /// a foreign
-///         -ts_type, something that is not built yet (study, compare, bench).
+///         -ts_type, something that is not built yet (study, bench).
 CommandLine parse_command_line(const std::vector<std::string>& words);
 
 /// The text of `sweepvi help [VERB]`.

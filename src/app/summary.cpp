@@ -155,20 +155,22 @@ void Summary::go_on_from(const std::vector<std::int64_t>& counts, const std::vec
 }
 
 void Summary::write(MPI_Comm comm, const std::optional<std::string>& path) const {
-  if (!path) return;
-  const std::string content = text(comm);
+  if (path) write_text(comm, *path, text(comm));
+}
+
+void write_text(MPI_Comm comm, const std::string& path, const std::string& text) {
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   agreed(comm, [&] {
     if (rank != 0) return;
-    const std::string partial = *path + ".partial";
+    const std::string partial = path + ".partial";
     std::ofstream file(partial);
-    file << content;
+    file << text;
     file.close();
-    if (!file) throw Error(ExitCode::output, *path + " could not be written; check the disk");
+    if (!file) throw Error(ExitCode::output, path + " could not be written; check the disk");
     std::error_code failure;
-    std::filesystem::rename(partial, *path, failure);
-    if (failure) throw Error(ExitCode::output, *path + " could not be written: " + failure.message());
+    std::filesystem::rename(partial, path, failure);
+    if (failure) throw Error(ExitCode::output, path + " could not be written: " + failure.message());
   });
 }
 

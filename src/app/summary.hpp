@@ -48,6 +48,10 @@ struct Summary {
 /// Largest peak of resident memory of any rank [B]. @note Collective.
 std::int64_t peak_rss_bytes(MPI_Comm comm);
 
+/// Puts rank 0's text into the file `path`, which has its name once it is complete.
+/// @throws Error (output) on every rank.  @note Collective.
+void write_text(MPI_Comm comm, const std::string& path, const std::string& text);
+
 /// @throws Error (output) on every rank if `path` exists and may not be replaced, or its folder cannot be
 /// written.
 /// @note Collective.

@@ -11,6 +11,7 @@ namespace sweepvi::app {
 ExitCode run(MPI_Comm comm, const CommandLine& line);
 ExitCode check_scene(MPI_Comm comm, const CommandLine& line);
 ExitCode solve(MPI_Comm comm, const CommandLine& line);
+ExitCode compare(MPI_Comm comm, const CommandLine& line);
 ExitCode info(MPI_Comm comm);
 
 }  // namespace sweepvi::app

@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <filesystem>
 #include <limits>
 #include <numeric>
 #include <utility>
 
 #include "io/hdf5_guard.hpp"
 #include "io/hdf5_handle.hpp"
+#include "io/hdf5_input.hpp"
 #include "parallel/memory.hpp"
 #include "sweepvi/error.hpp"
 
@@ -25,101 +24,6 @@ namespace {
 
 constexpr hsize_t most = std::numeric_limits<std::int32_t>::max();  // of rows, of columns, of entries
 
-/// "m.h5: /A", as messages name it.
-std::string place(const std::string& path, const std::string& dataset) {
-  return path + ": " + dataset;
-}
-
-Hdf5File open_file(const std::string& path) {
-  std::error_code error;
-  if (!std::filesystem::exists(path, error)) throw InputError(path + ": there is no such file");
-  if (std::filesystem::is_directory(path, error))
-    throw InputError(path + " is a folder; an HDF5 file is needed");
-  const htri_t is_hdf5 = H5Fis_hdf5(path.c_str());
-  if (is_hdf5 == 0) throw InputError(path + " is not an HDF5 file");
-  Hdf5File file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
-  if (!file) throw InputError(path + ": the HDF5 file cannot be opened: " + hdf5_reason());
-  return file;
-}
-
-/// What a file holds, for those who asked for something else: "/A, /group, /group/data".
-std::string content(hid_t file) {
-  std::vector<std::string> names;
-  const auto note = [](hid_t, const char* name, const H5O_info_t*, void* list) -> herr_t {
-    auto& found = *static_cast<std::vector<std::string>*>(list);
-    if (std::strcmp(name, ".") != 0) found.push_back("/" + std::string(name));
-    return found.size() > 20;  // enough for a message
-  };
-  H5Ovisit2(file, H5_INDEX_NAME, H5_ITER_INC, note, &names, H5O_INFO_BASIC);
-  const bool all = names.size() <= 20;
-  if (!all) names.pop_back();
-  std::string list;
-  for (const std::string& name : names)
-    list += (list.empty() ? "" : ", ") + name;
-  return list.empty() ? "nothing" : all ? list : list + ", ...";
-}
-
-Hdf5Object open_object(hid_t file, const std::string& path, const std::string& name) {
-  Hdf5Object object(H5Oopen(file, name.c_str(), H5P_DEFAULT));
-  if (!object)
-    throw InputError(place(path, name) + " is not in the file, which holds " + content(file) +
-                     "; name one of these as dataset");
-  return object;
-}
-
-std::vector<hsize_t> shape_of(hid_t space) {
-  std::vector<hsize_t> shape(std::size_t(std::max(H5Sget_simple_extent_ndims(space), 0)));
-  H5Sget_simple_extent_dims(space, shape.data(), nullptr);
-  return shape;
-}
-
-std::string text(const std::vector<hsize_t>& shape) {
-  std::string result;
-  for (const hsize_t extent : shape)
-    result += (result.empty() ? "" : " x ") + std::to_string(extent);
-  return result.empty() ? "a single value" : "shape " + result;
-}
-
-void check_numbers(hid_t dataset, const std::string& where, bool whole) {
-  const Hdf5Type type(H5Dget_type(dataset));
-  const H5T_class_t kind = H5Tget_class(type.get());
-  if (kind != H5T_INTEGER && (whole || kind != H5T_FLOAT))
-    throw InputError(where + (whole ? " should hold whole numbers" : " should hold real numbers") +
-                     ", found another type (" +
-                     (kind == H5T_FLOAT      ? "floating point"
-                      : kind == H5T_COMPOUND ? "compound, as complex numbers are"
-                      : kind == H5T_STRING   ? "text"
-                                             : "neither integer nor floating point") +
-                     ")");
-}
-
-void check_finite(const double* values, std::size_t count, const std::string& where, hsize_t offset,
-                  hsize_t width) {
-  const double* bad = std::find_if_not(values, values + count, [](double v) { return std::isfinite(v); });
-  if (bad == values + count) return;
-  const hsize_t index = offset + hsize_t(bad - values);
-  throw InputError(where + " should hold finite numbers, found " + std::to_string(*bad) + " at [" +
-                   (width > 0 ? std::to_string(index / width) + ", " + std::to_string(index % width)
-                              : std::to_string(index)) +
-                   "]");
-}
-
-/// A damaged file may claim any size; and whoever makes a matrix of a size, and never writes it, would wait
-/// for its zeros. Data kept in other files stay unchecked.
-void check_extent(hid_t dataset, const std::vector<hsize_t>& shape, const std::string& where) {
-  const Hdf5Properties creation(H5Dget_create_plist(dataset));
-  if (H5Pget_layout(creation.get()) == H5D_VIRTUAL || H5Pget_external_count(creation.get()) != 0) return;
-  constexpr double best_compression = 2000.0;  // deflate: 1032
-  hsize_t file_bytes = 0;
-  H5Fget_filesize(Hdf5Object(H5Iget_file_id(dataset)).get(), &file_bytes);
-  double bytes = sizeof(double);
-  for (const hsize_t extent : shape)
-    bytes *= double(extent);
-  if (bytes > best_compression * double(file_bytes))
-    throw InputError(where + " has " + text(shape) + ", which a file of " + std::to_string(file_bytes) +
-                     " bytes cannot hold; store a matrix of few entries as a sparse one");
-}
-
 template <class T>
 std::vector<T> read_column(hid_t object, const std::string& where, hid_t type, bool infinity = false) {
   if (H5Iget_type(object) != H5I_DATASET)
@@ -127,13 +31,13 @@ std::vector<T> read_column(hid_t object, const std::string& where, hid_t type, b
   const Hdf5Space space(H5Dget_space(object));
   const std::vector<hsize_t> shape = shape_of(space.get());
   const bool flat = shape.size() == 1 || (shape.size() == 2 && std::min(shape[0], shape[1]) == 1);
-  if (!flat) throw InputError(where + " has " + text(shape) + "; a vector is expected here");
+  if (!flat) throw InputError(where + " has " + shape_text(shape) + "; a vector is expected here");
   check_numbers(object, where, std::is_integral_v<T>);
   check_extent(object, shape, where);
   const hsize_t length = shape.size() == 1 ? shape[0] : std::max(shape[0], shape[1]);
   if (length > most)
-    throw InputError(where + " has " + text(shape) + "; expected at most 2147483647 entries");
-  require_memory(double(sizeof(T)) * double(length), where + ": " + text(shape) + " takes");
+    throw InputError(where + " has " + shape_text(shape) + "; expected at most 2147483647 entries");
+  require_memory(double(sizeof(T)) * double(length), where + ": " + shape_text(shape) + " takes");
   std::vector<T> values(static_cast<std::size_t>(length));
   if (H5Dread(object, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0)
     throw InputError(where + " cannot be read: " + hdf5_reason());
@@ -144,19 +48,20 @@ std::vector<T> read_column(hid_t object, const std::string& where, hid_t type, b
 
 void check_size(const std::string& where, hsize_t rows, hsize_t cols) {
   if (rows < 1 || cols < 1 || rows > most || cols > most)
-    throw InputError(where + " has " + text({rows, cols}) + "; expected 1 to 2147483647 rows and columns");
+    throw InputError(where + " has " + shape_text({rows, cols}) +
+                     "; expected 1 to 2147483647 rows and columns");
 }
 
 SparseEntries read_dense(hid_t dataset, const std::string& where) {
   const Hdf5Space space(H5Dget_space(dataset));
   const std::vector<hsize_t> shape = shape_of(space.get());
   if (shape.size() != 2)
-    throw InputError(where + " has " + text(shape) + "; a matrix with two axes is expected here");
+    throw InputError(where + " has " + shape_text(shape) + "; a matrix with two axes is expected here");
   const hsize_t rows = shape[0], cols = shape[1];
   check_size(where, rows, cols);
   check_numbers(dataset, where, false);
   check_extent(dataset, shape, where);
-  require_memory(8.0 * double(rows), where + ": " + text(shape) + " takes");
+  require_memory(8.0 * double(rows), where + ": " + shape_text(shape) + " takes");
   SparseEntries matrix{std::int64_t(rows), std::int64_t(cols), {0}, {}, {}};
   // Some rows at a time: the zeros of a large matrix need not be in memory all at once.
   const hsize_t block = std::clamp((hsize_t{1} << 20) / cols, hsize_t{1}, rows);
@@ -187,25 +92,13 @@ SparseEntries read_dense(hid_t dataset, const std::string& where) {
 /// they would be a transposed matrix.
 void refuse_columns(hid_t group, const std::string& where) {
   for (const char* name : {"encoding-type", "h5sparse_format"}) {
-    if (H5Aexists(group, name) <= 0) continue;
-    const Hdf5Attribute attribute(H5Aopen(group, name, H5P_DEFAULT));
-    const Hdf5Type type(H5Aget_type(attribute.get()));
-    std::string format;
-    if (H5Tis_variable_str(type.get()) > 0) {
-      char* found = nullptr;
-      if (H5Aread(attribute.get(), type.get(), &found) >= 0 && found) format = found;
-      H5free_memory(found);
-    } else if (H5Tget_class(type.get()) == H5T_STRING && H5Aget_storage_size(attribute.get()) < 100) {
-      format.resize(H5Aget_storage_size(attribute.get()));
-      H5Aread(attribute.get(), type.get(), format.data());
-    }
-    if (format.starts_with("csc"))
+    if (text_attribute(group, name).starts_with("csc"))
       throw InputError(where + " is stored by columns (" + name + " is csc); store it by rows (csr)");
   }
 }
 
 SparseEntries read_sparse(hid_t group, const std::string& path, const std::string& name) {
-  const std::string where = place(path, name), below = place(path, name == "/" ? "" : name) + "/";
+  const std::string where = place_in(path, name), below = place_in(path, name == "/" ? "" : name) + "/";
   std::string missing;
   for (const char* part : {"data", "indices", "indptr"})
     if (H5Lexists(group, part, H5P_DEFAULT) <= 0)
@@ -262,24 +155,24 @@ SparseEntries read_sparse(hid_t group, const std::string& path, const std::strin
 SparseEntries read_hdf5_matrix(const std::string& path, const std::string& dataset) {
   const QuietHdf5 quiet;
   const Hdf5Guard guard(path);
-  const Hdf5File file = open_file(path);
-  const Hdf5Object object = open_object(file.get(), path, dataset);
+  const Hdf5File file = open_hdf5(path);
+  const Hdf5Object object = open_hdf5_object(file.get(), path, dataset);
   switch (H5Iget_type(object.get())) {
     case H5I_DATASET:
-      return read_dense(object.get(), place(path, dataset));
+      return read_dense(object.get(), place_in(path, dataset));
     case H5I_GROUP:
       return read_sparse(object.get(), path, dataset);
     default:
-      throw InputError(place(path, dataset) + " is neither a dataset nor a group");
+      throw InputError(place_in(path, dataset) + " is neither a dataset nor a group");
   }
 }
 
 std::vector<double> read_hdf5_vector(const std::string& path, const std::string& dataset, bool infinity) {
   const QuietHdf5 quiet;
   const Hdf5Guard guard(path);
-  const Hdf5File file = open_file(path);
-  const Hdf5Object object = open_object(file.get(), path, dataset);
-  return read_column<double>(object.get(), place(path, dataset), H5T_NATIVE_DOUBLE, infinity);
+  const Hdf5File file = open_hdf5(path);
+  const Hdf5Object object = open_hdf5_object(file.get(), path, dataset);
+  return read_column<double>(object.get(), place_in(path, dataset), H5T_NATIVE_DOUBLE, infinity);
 }
 
 void sort_rows(SparseEntries& matrix) {

@@ -5,27 +5,13 @@
 #include <limits>
 
 #include "measure/segment.hpp"
+#include "measure/slab.hpp"
 #include "parallel/gather.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
 
 namespace {
-
-constexpr double infinity = std::numeric_limits<double>::infinity();
-
-/// The part [first, last) of n things that a rank works on.
-struct Slab {
-  std::size_t first, last;
-  Slab(MPI_Comm comm, std::size_t n) {
-    int rank = 0, size = 1;
-    MPI_Comm_rank(comm, &rank);
-    MPI_Comm_size(comm, &size);
-    const auto r = static_cast<std::size_t>(rank), s = static_cast<std::size_t>(size);
-    first = n / s * r + std::min(r, n % s);
-    last = first + n / s + (r < n % s ? 1 : 0);
-  }
-};
 
 /// How long the graph is up to each of its rows. @note Collective.
 std::vector<double> lengths(MPI_Comm comm, Trajectory& graph) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "measure/slab.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -16,6 +17,20 @@ StoredTrajectory::StoredTrajectory(std::vector<double> t, std::vector<double> x)
   if (!std::all_of(t_.begin(), t_.end(), finite) || !std::all_of(x_.begin(), x_.end(), finite))
     throw InputError("a trajectory has an entry that is not a finite number");
   if (!std::is_sorted(t_.begin(), t_.end())) throw InputError("the times of a trajectory decrease");
+}
+
+double largest_entry(MPI_Comm comm, Trajectory& trajectory) {
+  double largest = 0.0;
+  agreed(comm, [&] {
+    const Slab mine(comm, trajectory.rows());
+    for (std::size_t k = mine.first; k < mine.last; ++k) {
+      const double* x = trajectory.row(k);
+      for (std::size_t i = 0; i < trajectory.components(); ++i)
+        largest = std::max(largest, std::abs(x[i]));
+    }
+  });
+  MPI_Allreduce(MPI_IN_PLACE, &largest, 1, MPI_DOUBLE, MPI_MAX, comm);
+  return largest;
 }
 
 }  // namespace sweepvi

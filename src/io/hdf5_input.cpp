@@ -1,0 +1,124 @@
+#include "io/hdf5_input.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+
+#include "sweepvi/error.hpp"
+
+namespace sweepvi {
+
+namespace {
+
+/// What a file holds, for those who asked for something else: "/A, /group, /group/data".
+std::string content_of(hid_t file) {
+  std::vector<std::string> names;
+  const auto note = [](hid_t, const char* name, const H5O_info_t*, void* list) -> herr_t {
+    auto& found = *static_cast<std::vector<std::string>*>(list);
+    if (std::strcmp(name, ".") != 0) found.push_back("/" + std::string(name));
+    return found.size() > 20;  // enough for a message
+  };
+  H5Ovisit2(file, H5_INDEX_NAME, H5_ITER_INC, note, &names, H5O_INFO_BASIC);
+  const bool all = names.size() <= 20;
+  if (!all) names.pop_back();
+  std::string list;
+  for (const std::string& name : names)
+    list += (list.empty() ? "" : ", ") + name;
+  return list.empty() ? "nothing" : all ? list : list + ", ...";
+}
+
+}  // namespace
+
+std::string place_in(const std::string& path, const std::string& dataset) {
+  return path + ": " + dataset;
+}
+
+Hdf5File open_hdf5(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) throw InputError(path + ": there is no such file");
+  if (std::filesystem::is_directory(path, error))
+    throw InputError(path + " is a folder; an HDF5 file is needed");
+  const htri_t is_hdf5 = H5Fis_hdf5(path.c_str());
+  if (is_hdf5 == 0) throw InputError(path + " is not an HDF5 file");
+  Hdf5File file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
+  if (!file) throw InputError(path + ": the HDF5 file cannot be opened: " + hdf5_reason());
+  return file;
+}
+
+Hdf5Object open_hdf5_object(hid_t file, const std::string& path, const std::string& name) {
+  Hdf5Object object(H5Oopen(file, name.c_str(), H5P_DEFAULT));
+  if (!object)
+    throw InputError(place_in(path, name) + " is not in the file, which holds " + content_of(file) +
+                     "; name one of these as dataset");
+  return object;
+}
+
+std::string text_attribute(hid_t object, const char* name) {
+  if (H5Aexists(object, name) <= 0) return {};
+  const Hdf5Attribute attribute(H5Aopen(object, name, H5P_DEFAULT));
+  const Hdf5Type type(H5Aget_type(attribute.get()));
+  std::string text;
+  if (H5Tis_variable_str(type.get()) > 0) {
+    char* found = nullptr;
+    if (H5Aread(attribute.get(), type.get(), &found) >= 0 && found) text = found;
+    H5free_memory(found);
+  } else if (H5Tget_class(type.get()) == H5T_STRING && H5Aget_storage_size(attribute.get()) < 100) {
+    text.resize(H5Aget_storage_size(attribute.get()));
+    H5Aread(attribute.get(), type.get(), text.data());
+  }
+  return text;
+}
+
+std::vector<hsize_t> shape_of(hid_t space) {
+  std::vector<hsize_t> shape(std::size_t(std::max(H5Sget_simple_extent_ndims(space), 0)));
+  H5Sget_simple_extent_dims(space, shape.data(), nullptr);
+  return shape;
+}
+
+std::string shape_text(const std::vector<hsize_t>& shape) {
+  std::string result;
+  for (const hsize_t extent : shape)
+    result += (result.empty() ? "" : " x ") + std::to_string(extent);
+  return result.empty() ? "a single value" : "shape " + result;
+}
+
+void check_numbers(hid_t dataset, const std::string& where, bool whole) {
+  const Hdf5Type type(H5Dget_type(dataset));
+  const H5T_class_t kind = H5Tget_class(type.get());
+  if (kind != H5T_INTEGER && (whole || kind != H5T_FLOAT))
+    throw InputError(where + (whole ? " should hold whole numbers" : " should hold real numbers") +
+                     ", found another type (" +
+                     (kind == H5T_FLOAT      ? "floating point"
+                      : kind == H5T_COMPOUND ? "compound, as complex numbers are"
+                      : kind == H5T_STRING   ? "text"
+                                             : "neither integer nor floating point") +
+                     ")");
+}
+
+void check_finite(const double* values, std::size_t count, const std::string& where, hsize_t offset,
+                  hsize_t width) {
+  const double* bad = std::find_if_not(values, values + count, [](double v) { return std::isfinite(v); });
+  if (bad == values + count) return;
+  const hsize_t index = offset + hsize_t(bad - values);
+  throw InputError(where + " should hold finite numbers, found " + std::to_string(*bad) + " at [" +
+                   (width > 0 ? std::to_string(index / width) + ", " + std::to_string(index % width)
+                              : std::to_string(index)) +
+                   "]");
+}
+
+void check_extent(hid_t dataset, const std::vector<hsize_t>& shape, const std::string& where) {
+  const Hdf5Properties creation(H5Dget_create_plist(dataset));
+  if (H5Pget_layout(creation.get()) == H5D_VIRTUAL || H5Pget_external_count(creation.get()) != 0) return;
+  constexpr double best_compression = 2000.0;  // deflate: 1032
+  hsize_t file_bytes = 0;
+  H5Fget_filesize(Hdf5Object(H5Iget_file_id(dataset)).get(), &file_bytes);
+  double bytes = sizeof(double);
+  for (const hsize_t extent : shape)
+    bytes *= double(extent);
+  if (bytes > best_compression * double(file_bytes))
+    throw InputError(where + " has " + shape_text(shape) + ", which a file of " + std::to_string(file_bytes) +
+                     " bytes cannot hold; store a matrix of few entries as a sparse one");
+}
+
+}  // namespace sweepvi

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "io/hdf5_handle.hpp"
+
+namespace sweepvi {
+
+// What readers of HDF5 files share. All throw Error (bad_input) with the file, the dataset, what was found
+// and what was expected; none is collective.
+
+/// "m.h5: /A", as messages name it.
+std::string place_in(const std::string& path, const std::string& dataset);
+
+/// For reading.
+Hdf5File open_hdf5(const std::string& path);
+Hdf5Object open_hdf5_object(hid_t file, const std::string& path, const std::string& name);
+
+std::vector<hsize_t> shape_of(hid_t space);
+/// A short text; empty if there is none.
+std::string text_attribute(hid_t object, const char* name);
+
+/// "shape 3 x 4".
+std::string shape_text(const std::vector<hsize_t>& shape);
+
+/// Complains about types that are no numbers.
+/// @param whole  whether only integers will do
+void check_numbers(hid_t dataset, const std::string& where, bool whole);
+
+/// Complains about what is not finite.
+/// @param offset  of the first value in the dataset
+/// @param width   of its rows, 0 if it has one axis
+void check_finite(const double* values, std::size_t count, const std::string& where, hsize_t offset,
+                  hsize_t width);
+
+/// Complains about a shape that the file cannot hold. A damaged file may claim any size; and whoever makes a
+/// matrix of a size, and never writes it, would wait for its zeros. Data kept in other files stay unchecked.
+void check_extent(hid_t dataset, const std::vector<hsize_t>& shape, const std::string& where);
+
+}  // namespace sweepvi
