@@ -1,16 +1,15 @@
 #include "io/run_trajectory.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "io/hdf5_guard.hpp"
-#include "io/hdf5_input.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
 
 namespace {
 
-constexpr std::size_t memory = std::size_t{128} << 20;
 constexpr std::size_t least_block = std::size_t{64} << 10;  // a read of less costs as much
 constexpr std::size_t least_slots = 16;  // more than eight: row() says how long a row is valid
 
@@ -25,7 +24,8 @@ hsize_t chunk_rows(hid_t dataset) {
 }  // namespace
 
 RunTrajectory::RunTrajectory(std::string path, std::string where, Hdf5File file, Hdf5Object rows,
-                             std::vector<double> t, const std::vector<std::int64_t>& columns)
+                             std::vector<double> t, const std::vector<std::int64_t>& columns,
+                             std::size_t memory)
     : path_(std::move(path)), where_(std::move(where)), file_(std::move(file)), dataset_(std::move(rows)) {
   t_ = std::move(t);
   components_ = columns.size();
@@ -83,7 +83,15 @@ void RunTrajectory::read(std::size_t block, std::vector<double>& to) const {
       throw InputError(where_ + " cannot be read: " + hdf5_reason());
     column += range.count;
   }
-  check_finite(to.data(), to.size(), where_ + " (columns asked for)", first * width, width);
+  const auto bad = std::find_if_not(to.begin(), to.end(), [](double value) { return std::isfinite(value); });
+  if (bad == to.end()) return;
+  auto index = static_cast<hsize_t>(bad - to.begin()) % width;
+  auto range = ranges_.begin();
+  for (; index >= range->count; ++range)
+    index -= range->count;
+  throw InputError(where_ + " should hold finite numbers, found " + std::to_string(*bad) + " at [" +
+                   std::to_string(first + static_cast<hsize_t>(bad - to.begin()) / width) + ", " +
+                   std::to_string(range->first + index) + "]");
 }
 
 }  // namespace sweepvi

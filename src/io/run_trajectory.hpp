@@ -15,9 +15,10 @@ class RunTrajectory final : public Trajectory {
 public:
   /// @param rows     a dataset of shape t.size() x any
   /// @param columns  ascending
+  /// @param memory   for blocks [B]; sixteen of a row each are kept in any case
   /// @param where    what messages call the dataset
   RunTrajectory(std::string path, std::string where, Hdf5File file, Hdf5Object rows, std::vector<double> t,
-                const std::vector<std::int64_t>& columns);
+                const std::vector<std::int64_t>& columns, std::size_t memory = std::size_t{128} << 20);
 
   /// @throws Error (bad_input) if an entry is not finite, or cannot be read
   const double* row(std::size_t k) override;

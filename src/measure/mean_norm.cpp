@@ -47,7 +47,7 @@ double mean_norm(const double* p, const double* q, std::size_t n) {
     r2 += foot * foot;
   }
   const double mean = 0.25 * sum + 0.25 * (a + b) * (a + b) / sum;
-  if (r2 == 0.0) return mean;
+  if (r2 <= 1e-200 * sum * sum) return mean;  // so that r2 g does not overflow; it adds nothing
   const double g = a * b > 0.0 ? (1.0 + (a * a + b * b + r2) / (norm_p * norm_q + a * b)) / sum
                                : (1.0 + (norm_p * norm_q - a * b) / r2) / sum;
   const double x = l * g;

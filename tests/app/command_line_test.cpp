@@ -39,9 +39,23 @@ TEST(CommandLine, SplitsOursFromPetscs) {
 TEST(CommandLine, KnowsItsVerbs) {
   EXPECT_EQ(parse_command_line({"check", "a.toml"}).verb, Verb::check);
   EXPECT_EQ(parse_command_line({"solve", "a.toml", "-o", "u.h5"}).verb, Verb::solve);
+  EXPECT_EQ(parse_command_line({"compare", "a.h5", "b.h5"}).verb, Verb::compare);
   EXPECT_EQ(parse_command_line({"info"}).verb, Verb::info);
   EXPECT_EQ(parse_command_line({"--version"}).verb, Verb::info);
   EXPECT_EQ(parse_command_line({}).verb, Verb::help);
+}
+
+TEST(CommandLine, TakesTwoFilesToCompare) {
+  const CommandLine line = parse_command_line(
+      {"compare", "a.h5", "b.csv", "--components", "4,0,2", "--tolerance=1e-9", "--summary", "s.json"});
+  EXPECT_EQ(line.scene, "a.h5");
+  EXPECT_EQ(line.other, "b.csv");
+  EXPECT_EQ(line.components, (std::vector<std::int64_t>{0, 2, 4}));
+  EXPECT_EQ(line.tolerance, 1e-9);
+  EXPECT_EQ(line.summary, "s.json");
+  const CommandLine help = parse_command_line({"compare", "a.h5", "b.h5", "--help"});
+  EXPECT_EQ(help.verb, Verb::help);
+  EXPECT_EQ(help.help_topic, Verb::compare);
 }
 
 TEST(CommandLine, FoldsTimesOfPetscIntoOverrides) {
@@ -80,12 +94,26 @@ TEST(CommandLine, ComplainsAboutWhatItCannotUse) {
       {{"a.toml"}, "did you mean 'sweepvi run a.toml'?"},
       {{"-log_view", "run"}, "'-log_view' comes before the verb"},
       {{"study", "a.toml"}, "'study' is not built yet"},
-      {{"compare", "a.h5", "b.h5"}, "'compare' is not built yet"},
       {{"bench", "a.toml"}, "'bench' is not built yet"},
       {{"help", "bench"}, "'bench' is not built yet"},
       {{"run"}, "'run' needs a SCENE.toml directly after it"},
       {{"run", ""}, "'run' needs a SCENE.toml directly after it"},
       {{"run", "-log_view", ":out.txt"}, "'run' needs a SCENE.toml directly after it"},
+      {{"compare"}, "'compare' needs A.h5 B.h5 directly after it"},
+      {{"compare", "a.h5"}, "'compare' needs A.h5 B.h5 directly after it"},
+      {{"compare", "a.h5", "--tolerance", "1", "b.h5"}, "unexpected word 'b.h5'; 'compare' takes two files"},
+      {{"compare", "a.h5", "b.h5", "c.h5"}, "unexpected word 'c.h5'; 'compare' takes two files"},
+      {{"compare", "a.h5", "b.h5", "--components", "0,x"}, "--components 0,x: expected column numbers"},
+      {{"compare", "a.h5", "b.h5", "--components=1,"}, "--components 1,: expected column numbers"},
+      {{"compare", "a.h5", "b.h5", "--components", "1 2"}, "--components 1 2: expected column numbers"},
+      {{"compare", "a.h5", "b.h5", "--components=-1"}, "--components -1: expected column numbers"},
+      {{"compare", "a.h5", "b.h5", "--components=2,0,2"}, "--components 2,0,2: 2 is there twice"},
+      {{"compare", "a.h5", "b.h5", "--components=2", "--components=0"}, "contradicts an earlier"},
+      {{"compare", "a.h5", "b.h5", "--tolerance=0"}, "--tolerance 0: expected a number above 0"},
+      {{"compare", "a.h5", "b.h5", "--tolerance", "inf"}, "--tolerance inf: expected a number above 0"},
+      {{"compare", "a.h5", "b.h5", "--tolerance=1", "--tolerance=2"}, "contradict each other"},
+      {{"compare", "a.h5", "b.h5", "-o", "c.h5"}, "'compare' does not take -o"},
+      {{"run", "a.toml", "--tolerance", "1"}, "'run' does not take --tolerance"},
       {{"solve", "-o", "x.h5"}, "'solve' needs a PROBLEM.toml directly after it"},
       {{"run", "a.toml", "b.toml"}, "unexpected word 'b.toml'"},
       {{"run", "a.toml", "-pc_type", "lu", "b.toml"}, "unexpected word 'b.toml'"},
@@ -144,7 +172,7 @@ TEST(CommandLine, SameAnswerTwiceIsNoContradiction) {
 TEST(HelpText, NamesWhatTheParserTakesAndNothingElse) {
   const std::string general = help_text(std::nullopt);
   for (const char* fragment : {"run SCENE.toml", "check SCENE.toml", "solve PROBLEM.toml", "Exit codes",
-                               "-sweepvi_", "Not built yet: study, compare, bench"})
+                               "-sweepvi_", "Not built yet: study, bench"})
     EXPECT_NE(general.find(fragment), std::string::npos) << fragment;
   struct Case {
     Verb verb;
@@ -156,6 +184,9 @@ TEST(HelpText, NamesWhatTheParserTakesAndNothingElse) {
        {}},
       {Verb::check, {"--set "}, {"-o FILE", "--summary", "--force"}},
       {Verb::solve, {"-o FILE", "--summary", "--force"}, {"--set ", "-ts_dt"}},
+      {Verb::compare,
+       {"--components 0,1", "--tolerance X", "--summary FILE"},
+       {"-o FILE", "--set ", "--force"}},
       {Verb::info, {"versions"}, {"-o FILE", "--set "}}};
   for (const Case& c : cases) {
     const std::string text = help_text(c.verb);
