@@ -142,6 +142,7 @@ class Texts(InFolder):
 
     def test_help_on_a_verb(self):
         words = {"run": "-o --set --summary --force -ts_dt", "check": "--set", "solve": "-o --summary --force"}
+        words["compare"] = "--components --tolerance --summary"
         for verb, options in words.items():
             with self.subTest(verb):
                 text = self.sweepvi("help", verb).out
