@@ -139,6 +139,8 @@ Recorded read_run(const std::string& path, const std::vector<std::int64_t>& colu
   recorded.run = true;
   recorded.columns = static_cast<std::size_t>(x.shape[1]);
   check_columns(path, columns, recorded.columns);
+  require_memory(20.0 * 8.0 * double(columns.empty() ? recorded.columns : columns.size()),
+                 x.where + ": twenty of its rows take");  // RunTrajectory keeps so many at least
   std::vector<std::int64_t> wanted = columns;
   if (wanted.empty()) {
     wanted.resize(recorded.columns);
