@@ -96,12 +96,10 @@ class Compare(unittest.TestCase):
 
         program.run_all(run, commands)
 
-    def compare(self, *words, code=0, cwd=None, **how):
-        before = program.content(self.runs)
-        outcome = program.run("compare", *words, cwd=cwd or self.runs, **how)
+    def compare(self, *words, code=0, **how):
+        outcome = program.run("compare", *words, cwd=self.runs, **how)
         self.assertEqual(outcome.code, code, outcome)
         if code != 0:
-            self.assertEqual(program.content(self.runs), before, "a file was made or changed")
             self.assertEqual(outcome.out, "")
         return outcome
 
@@ -211,10 +209,17 @@ class Compare(unittest.TestCase):
 
     def test_blocks(self):
         self.assertEqual(self.numbers("one.h5", "one.h5")["final"], 0.0)
-        self.refused("one.h5 holds 1 (/element), other.h5 holds 0 (/element)", "one.h5", "other.h5")
+        self.refused([("one.h5 holds 1 (/element), other.h5 holds 0 (/element)", ["one.h5", "other.h5"], 1)])
 
-    def refused(self, message, *words, **how):
-        self.assertIn(message, self.compare(*words, code=2, **how).err)
+    def refused(self, cases):
+        """Each (message, words, ranks) ends in exit 2 with that message, and without a trace in the folder."""
+        before = program.content(self.runs)
+        outcomes = program.run_all(lambda case: program.run("compare", *case[1], cwd=self.runs, ranks=case[2]), cases)
+        self.assertEqual(program.content(self.runs), before, "a file was made or changed")
+        for outcome, (message, _, _) in zip(outcomes, cases):
+            with self.subTest(message):
+                self.assertEqual((outcome.code, outcome.out), (2, ""), outcome)
+                self.assertIn(message, outcome.err)
 
     def test_bad_files(self):
         (self.runs / "text.h5").write_text("no HDF5")
@@ -225,7 +230,7 @@ class Compare(unittest.TestCase):
         with h5py.File(self.runs / "strange.h5", "w") as file:
             file["x"] = np.zeros((3, 2))
         self.addCleanup((self.runs / "strange.h5").unlink)
-        for name, message in {
+        cases = {
             "none.h5": "none.h5: there is no such file",
             "alone.h5": "there is no such file yet, only alone.h5.partial",
             "alone.h5.partial": "go on with --restart alone.h5.checkpoint",
@@ -234,10 +239,9 @@ class Compare(unittest.TestCase):
             "short.h5": "short.h5",
             "strange.h5": "strange.h5 was not written by sweepvi",
             "all.h5": "coarse.h5 has states of 5 numbers, all.h5 of 10",
-        }.items():
-            with self.subTest(name):
-                self.refused(message, "coarse.h5", name)
-        self.refused("fine.h5 has no column 5; its columns are 0 to 4", "fine.h5", "coarse.h5", "--components", "0,5", ranks=2)
+        }
+        too_many = ("fine.h5 has no column 5; its columns are 0 to 4", ["fine.h5", "coarse.h5", "--components", "0,5"], 2)
+        self.refused([(message, ["coarse.h5", name], 1) for name, message in cases.items()] + [too_many])
 
     def test_changed_files(self):
         def put(name, index, value):
@@ -266,7 +270,7 @@ class Compare(unittest.TestCase):
         def later(file):
             file["t"][:] += 11
 
-        for change, message in (
+        changes = [
             (put("x", (1000, 3), np.nan), "/x should hold finite numbers, found nan at [1000, 3]"),
             (put("t", 7, 0.0), "/t should not decrease"),
             (put("t", 7, np.inf), "/t should hold finite numbers"),
@@ -277,29 +281,34 @@ class Compare(unittest.TestCase):
             (version, "has format_version 2"),
             (running, "is of a run that was not done"),
             (later, "they have no time in common"),
-        ):
-            with self.subTest(message):
-                # On two ranks one of them meets the bad entry of /x or /mu.
-                self.refused(message, "coarse.h5", self.copy("changed.h5", change), ranks=2 if "nan" in message else 1)
+        ]
+        # On two ranks one of them meets the bad entry of /x or /mu.
+        self.refused(
+            [
+                (message, ["coarse.h5", self.copy(f"changed{i}.h5", change)], 2 if "nan" in message else 1)
+                for i, (change, message) in enumerate(changes)
+            ]
+        )
         without = self.copy("without.h5", remove("events"))
         self.assertIsNone(self.numbers("coarse.h5", without)["events"])
 
     def test_bad_tables(self):
+        tables = [
+            ("", ".csv:1: a table of a trajectory begins with a line 't,name,...'"),
+            ("time,x\n0,1\n", ".csv:1: a table"),
+            ("t\n0\n", ".csv:1: a table"),
+            ("t,a,b,c,d,e\n", ".csv has no rows"),
+            ("t,a,b,c,d,e\n0,1,2,3,4\n", ".csv:2: expected 6 numbers, as in line 1, found 5"),
+            ("t,a,b,c,d,e\n0,1,2,x,4,5\n", ".csv:2: 'x' is not a finite number"),
+            ("t,a,b,c,d,e\n0,1,2,nan,4,5\n", ".csv:2: 'nan' is not a finite number"),
+            ("t,a,b,c,d,e\n1,1,2,3,4,5\n0,1,2,3,4,5\n", ".csv:3: the time decreases"),
+            ("t,a\n0,1\n", "coarse.h5 has states of 5 numbers, table8.csv of 1"),
+        ]
+        for i, (text, _) in enumerate(tables):
+            (self.runs / f"table{i}.csv").write_text(text)
+            self.addCleanup((self.runs / f"table{i}.csv").unlink)
+        self.refused([(message, ["coarse.h5", f"table{i}.csv"], 1) for i, (_, message) in enumerate(tables)])
         table = self.runs / "table.csv"
-        for text, message in {
-            "": "table.csv:1: a table of a trajectory begins with a line 't,name,...'",
-            "time,x\n0,1\n": "table.csv:1: a table",
-            "t\n0\n": "table.csv:1: a table",
-            "t,a,b,c,d,e\n": "table.csv has no rows",
-            "t,a,b,c,d,e\n0,1,2,3,4\n": "table.csv:2: expected 6 numbers, as in line 1, found 5",
-            "t,a,b,c,d,e\n0,1,2,x,4,5\n": "table.csv:2: 'x' is not a finite number",
-            "t,a,b,c,d,e\n0,1,2,nan,4,5\n": "table.csv:2: 'nan' is not a finite number",
-            "t,a,b,c,d,e\n1,1,2,3,4,5\n0,1,2,3,4,5\n": "table.csv:3: the time decreases",
-            "t,a\n0,1\n": "coarse.h5 has states of 5 numbers, table.csv of 1",
-        }.items():
-            with self.subTest(text):
-                table.write_text(text)
-                self.refused(message, "coarse.h5", "table.csv")
         table.write_text("t, a, b, c, d, e\r\n0, 1, 0, 0, 0, 0\r\n\r\n")
         self.assertEqual(self.numbers("coarse.h5", "table.csv")["final"], 0.0)
         table.unlink()
