@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "dvi/moreau_jean.hpp"
@@ -40,7 +41,7 @@ public:
 private:
   void assemble();
   void make_scales();
-  Matrix scaled(double m, double c, double k) const;
+  Matrix scaled(std::optional<double> m, std::optional<double> c, std::optional<double> k) const;
   Matrix saddle(Mat J);
   void take_pushes(Vec u, Vec nu) const;
   void find_places();
@@ -66,6 +67,7 @@ private:
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
   std::vector<double> tested_;
+  double fastest_ = 0.0;  // largest |v_k|
   std::uint64_t version_ = 0;  // counts changes of what is pinned and of h
   PetscInt first_row_ = 0;     // global number of this rank's first unknown
 };
