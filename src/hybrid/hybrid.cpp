@@ -121,11 +121,12 @@ bool Hybrid::move(const Step& interval) {
   flow_->evaluate(event.value_or(*length), event.has_value(), x_.get(), z_, mu_);
   const double old =
       std::exchange(t_, !event && *length == left ? interval.t_new : t_ + event.value_or(*length));
-  if (t_ == old) {
-    if (event) end_flights();
-    return event && ++unseen_ < most_jumps;
-  }
-  unseen_ = 0;
+  if (t_ > old)
+    unseen_ = 0;
+  else if (!event || ++unseen_ == most_jumps)
+    return false;
+  else if (end_flights())
+    return true;
   continues_ = !event;
   if (!event) return true;
 
@@ -143,14 +144,19 @@ bool Hybrid::move(const Step& interval) {
   return ++events_ < options_.crowd;
 }
 
-// Flights that end before the clock moves are none: the constraints that meet their walls have not left them.
-void Hybrid::end_flights() {
+// Flights that end before the clock moves are none: constraints that leave their walls and meet them have not left them.
+// False if there is no such constraint.
+bool Hybrid::end_flights() {
   std::vector<Side> contact = contact_;
+  bool any = false;
   for (std::size_t a = 0; a < constraints(); ++a) {
-    if (contact[a] != Side::none || wall_at(a) == Side::none) continue;
+    if (contact[a] != Side::none || wall_at(a) == Side::none || !flow_->leaves(a)) continue;
     contact[a] = wall_at(a);
+    any = true;
   }
-  rest(contact);
+  any = any_rank(process_.dvi().comm(), any);
+  if (any) rest(contact);
+  return any;
 }
 
 // One step of length 0.

@@ -30,7 +30,7 @@ public:
 
 private:
   bool heads_out() const;
-  void end_flights();
+  bool end_flights();
   bool jump(const Step& now);
   void tell_changes(const Step& now, const std::vector<Side>& before, bool jumped);
   double accumulating() const;

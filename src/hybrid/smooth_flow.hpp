@@ -48,6 +48,8 @@ public:
   void put_in_contact(const std::vector<Side>& contact, double t, Vec x);
 
   const std::vector<Side>& contact() const { return contact_; }
+  /// Whether a free constraint was at a wall when the series began.
+  bool leaves(std::size_t a) const { return leading_[a] > 0; }
   int terms() const { return known_; }
   double size() const { return norms_[0]; }             ///< |x|
   double curvature() const { return 2.0 * norms_[2]; }  ///< |x''|
