@@ -16,7 +16,7 @@ namespace sweepvi {
 namespace {
 
 constexpr double cancelled = 0.01;  // times `inherited`: 1e-13 of a velocity passes the certificate
-constexpr double inherited = 0.1;  // of the terms of the velocities that a constraint reads
+constexpr double inherited = 0.1;   // of the terms of the velocities that a constraint reads
 
 void absolute_values(Vec from, Vec to) {
   check(VecCopy(from, to));
@@ -301,8 +301,9 @@ void LinearMoreauJean::residual(Vec u, Vec f) {
 
 // In contact H v is zero in exact arithmetic, while v itself is known up to the terms of its own row: of
 // those a tenth counts as the constraint's, too. But not what impulses cancel among themselves, which can be
-// any amount more: a light ball under a heavy one, or constraints that contradict each other. Of that only their
-// rounding, as far as it goes with the velocities that came in: in a stack that is hit, nothing else is left.
+// any amount more: a light ball under a heavy one, or constraints that contradict each other. Of that only
+// their rounding, as far as it goes with the velocities that came in: in a stack that is hit, nothing else is
+// left.
 void LinearMoreauJean::row_terms(Vec u, Vec terms) {
   absolute_values(u, work_.get());
   if (dual_) take_pushes(work_.get(), abs_nu_.get());

@@ -67,7 +67,7 @@ private:
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
   std::vector<double> tested_;
-  double fastest_ = 0.0;  // largest |v_k|
+  double fastest_ = 0.0;       // largest |v_k|
   std::uint64_t version_ = 0;  // counts changes of what is pinned and of h
   PetscInt first_row_ = 0;     // global number of this rank's first unknown
 };

@@ -144,8 +144,8 @@ bool Hybrid::move(const Step& interval) {
   return ++events_ < options_.crowd;
 }
 
-// Flights that end before the clock moves are none: constraints that leave their walls and meet them have not left them.
-// False if there is no such constraint.
+// Flights that end before the clock moves are none: constraints that leave their walls and meet them have not
+// left them. False if there is no such constraint.
 bool Hybrid::end_flights() {
   std::vector<Side> contact = contact_;
   bool any = false;

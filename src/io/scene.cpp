@@ -37,11 +37,15 @@ std::vector<Scheme> schemes_of(const std::string& kind, const TomlValue& model) 
   return chain_schemes(model);
 }
 
-Scheme read_scheme(const TomlValue& value, const std::vector<Scheme>& fitting) {
+Scheme read_scheme(const TomlValue& value, const std::vector<Scheme>& fitting,
+                   const std::vector<std::string>& planned) {
   const std::vector<std::string> names = names_of(fitting);
   const std::vector<std::string> known = names_of(all_schemes);
-  const std::string name = value.choice(value ? known : names, {}, true);
+  const std::string name = value.choice(value ? known : names, true);
   const auto at = std::find(names.begin(), names.end(), name);
+  if (at == names.end() && std::find(planned.begin(), planned.end(), name) != planned.end())
+    value.fail(fmt::format("= \"{}\" is not built yet for this model; available: \"{}\"", name,
+                           fmt::join(names, "\", \"")));
   if (at == names.end())
     value.fail(fmt::format("= \"{}\" does not fit this model; expected {}", name, fmt::join(names, ", ")));
   return fitting[static_cast<std::size_t>(at - names.begin())];
@@ -61,16 +65,17 @@ Detection read_detection(const TomlValue& key, bool fits) {
   if (!fits) key.fail("goes with the scheme \"moreau-jean\"; leave it out");
   const std::vector<Detection> all = {Detection::predicted, Detection::midpoint, Detection::current};
   const std::vector<std::string> names = names_of(all);
-  const std::string name = key.choice(names, {}, false);
+  const std::string name = key.choice(names, false);
   return all[static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin())];
 }
 
-TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
+TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting,
+                   const std::vector<std::string>& planned) {
   const TomlValue scheme = table["scheme"], start = table["start"], end = table["end"], step = table["step"],
                   theta = table["theta"], gamma = table["gamma"], detection = table["detection"],
                   tolerance = table["tolerance"];
   TimeSpec time;
-  time.scheme = read_scheme(scheme, fitting);
+  time.scheme = read_scheme(scheme, fitting, planned);
   table.refuse_unknown();
   const bool event_driven = time.scheme == Scheme::hybrid;
   if (tolerance && !event_driven)
@@ -142,8 +147,11 @@ void read_document(const TomlValue& document, bool root, Scene& scene) {
   document.refuse_unknown();
   scene.title = title.string_or("");
   const std::string kind =
-      model["kind"].choice({"linear", "lagrangian", "sweeping", "zhuravlev-ivanov", "chain"}, {}, false);
-  scene.time = read_time(time, schemes_of(kind, model));
+      model["kind"].choice({"linear", "lagrangian", "sweeping", "zhuravlev-ivanov", "chain"}, false);
+  // What the contract names for later, so that it is not mistaken for a slip.
+  const std::vector<std::string> planned =
+      kind == "sweeping" ? std::vector<std::string>{"hybrid"} : std::vector<std::string>{};
+  scene.time = read_time(time, schemes_of(kind, model), planned);
   if (kind == "linear") {
     scene.model = read_linear(model, root);
   } else if (kind == "lagrangian") {

@@ -96,7 +96,7 @@ void check_restitution(const TomlValue& key, Scheme scheme, const PerElement<dou
 }
 
 const Element& read_element(const TomlValue& element) {
-  return *find_element(element.choice(element_names(), {}, false));
+  return *find_element(element.choice(element_names(), false));
 }
 
 std::int64_t read_count(const TomlValue& count, std::size_t states, Topology topology) {
@@ -114,7 +114,7 @@ std::int64_t read_count(const TomlValue& count, std::size_t states, Topology top
 }
 
 Topology read_topology(const TomlValue& topology, const Element& element) {
-  const std::string name = topology.choice({"chain", "ring", "lattice"}, {}, true);
+  const std::string name = topology.choice({"chain", "ring", "lattice"}, true);
   if (name != "chain" && !element.coupling)
     topology.fail(fmt::format("= \"{}\"; the element \"{}\" only makes a \"chain\", leave topology out", name,
                               element.name));

@@ -247,10 +247,6 @@ void TomlValue::fail(const std::string& complaint) const {
   throw InputError(fmt::format("{}: {} {}", where(), name_, complaint));
 }
 
-void TomlValue::fail_not_built(const std::string& available) const {
-  fail(fmt::format("is not built yet; available: {}", available));
-}
-
 void TomlValue::fail_kind(const std::string& expected) const {
   fail(fmt::format("{}; expected {}", node_ == nullptr ? "is missing" : found(*as_node(node_)), expected));
 }
@@ -301,19 +297,14 @@ std::string TomlValue::path() const {
   return (std::filesystem::path(document_->file).parent_path() / path).string();
 }
 
-std::string TomlValue::choice(const std::vector<std::string>& built, const std::vector<std::string>& planned,
-                              bool optional) const {
+std::string TomlValue::choice(const std::vector<std::string>& built, bool optional) const {
   if (node_ == nullptr && optional) return built.front();
   const std::string available = fmt::format("\"{}\"", fmt::join(built, "\", \""));
   if (!is_string()) fail_kind((built.size() > 1 ? "one of " : "") + available);
   std::string value = string();
   if (std::find(built.begin(), built.end(), value) != built.end()) return value;
   const std::string quoted = fmt::format("= \"{}\"", shortened(value));
-  if (std::find(planned.begin(), planned.end(), value) != planned.end())
-    fail(fmt::format("{} is not built yet; available: {}", quoted, available));
-  std::vector<std::string> known = built;
-  known.insert(known.end(), planned.begin(), planned.end());
-  fail(fmt::format("{} is unknown{}", quoted, suggestion(value, known)));
+  fail(fmt::format("{} is unknown{}", quoted, suggestion(value, built)));
 }
 
 namespace {

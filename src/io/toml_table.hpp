@@ -59,9 +59,8 @@ public:
   std::string string_or(const std::string& otherwise) const { return *this ? string() : otherwise; }
   /// A path seen from the working directory: names in a document start at its folder, `--set` at ours.
   std::string path() const;
-  /// One of `built`, or `built.front()` if absent and `optional`; the `planned` are known, but refused.
-  std::string choice(const std::vector<std::string>& built, const std::vector<std::string>& planned,
-                     bool optional) const;
+  /// One of `built`, or `built.front()` if absent and `optional`.
+  std::string choice(const std::vector<std::string>& built, bool optional) const;
 
   Signal signal() const;                            ///< a number or {offset, amplitude, frequency, phase}
   std::vector<double> numbers() const;              ///< an array or a file
@@ -77,7 +76,6 @@ public:
   const std::string& name() const { return name_; }  ///< dotted key
   /// Throws "file:line:column: name complaint"; `complaint` may start with "= found value".
   [[noreturn]] void fail(const std::string& complaint) const;
-  [[noreturn]] void fail_not_built(const std::string& available) const;
 
 private:
   struct Document;

@@ -356,7 +356,7 @@ TEST_F(SceneTest, ComplaintsNameTheOverride) {
       {"time.theta", "2", "time.theta = 2 is outside (0, 1]"},
       {"time.gamma", "0.5", "time.gamma = 0.5 goes with zhuravlev-ivanov"},
       {"time.detection", "current", "time.detection goes with the scheme \"moreau-jean\""},
-      {"time.tolerance", "1e-8", "time.tolerance is not built yet"},
+      {"time.tolerance", "1e-8", "time.tolerance goes with the scheme"},
       {"time.scheme", "moreau-jean",
        "time.scheme = \"moreau-jean\" does not fit this model; expected homsp, zd-euler, naive-euler"},
       {"time.scheme", "zd_euler", "time.scheme = \"zd_euler\" is unknown; did you mean 'zd-euler'?"},
