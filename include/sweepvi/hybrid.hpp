@@ -14,6 +14,7 @@ namespace sweepvi {
 class ImpactDvi;
 class ImpactOscillators;
 class MechanicalDvi;
+struct SweepingSystem;
 struct LagrangianSystem;
 
 /// A process whose motion between events is that of a linear system in contact with some of its constraints,
@@ -30,10 +31,15 @@ public:
   virtual Dvi& dvi() = 0;
   virtual const LinearSystem& system() const = 0;
   virtual const RelativeDegree& degree() const = 0;
+  /// What moves with time in w = C x + w0 + offset(t), where all degrees are equal; null: nothing.
+  virtual const Forcing* offset() const { return nullptr; }
+  /// Whether these constraints can be in contact together; if not, steps are taken instead. @note Not
+  /// collective.
+  virtual bool admits(const std::vector<Side>&) const { return true; }
 
-  /// The state of the Dvi: x in the system's layout, outputs z like the rows of Z. What stands at its wall is
-  /// exactly there.
-  virtual void read(Vec x, std::vector<double>& z) = 0;
+  /// The state of the Dvi at t: x in the system's layout, outputs z like the rows of Z. What stands at its
+  /// wall is exactly there.
+  virtual void read(double t, Vec x, std::vector<double>& z) = 0;
   /// Replaces the state of the Dvi. @param contact  wall at which each constraint is in contact
   /// @param mu  measure of each constraint's multiplier since the state was last written
   virtual void write(Vec x, const std::vector<double>& z, const std::vector<Side>& contact,
@@ -58,6 +64,10 @@ std::unique_ptr<HybridProcess> make_hybrid(MechanicalDvi& dvi, const LagrangianS
 /// result. @note Collective.
 std::unique_ptr<HybridProcess> make_hybrid(ImpactDvi& dvi, const ImpactOscillators& oscillators,
                                            const LinearSystem& system);
+
+/// A moving set that the catching-up algorithm steps, without `move_faces`. Both must outlive the result.
+/// @throws Error (bad_input) on every rank if a face reads nothing @note Collective.
+std::unique_ptr<HybridProcess> make_hybrid(ConstrainedDvi& dvi, const SweepingSystem& system);
 
 /// How the hybrid scheme works.
 struct HybridOptions {

@@ -24,6 +24,9 @@ struct Forcing {
 
   /// y += factor * d^order f / dt^order at t. @note Not collective; y has the layout of x.
   void add_to(Vec y, double t, int order, double factor) const;
+  /// The same with the largest value that each derivative ever has, which rounding of its value is relative
+  /// to.
+  void add_bound_to(Vec y, int order, double factor) const;
 };
 
 /// How a scene numbers the states of its elements; x0 and /x stand in that order.

@@ -18,6 +18,12 @@ struct Signal {
   /// The same signal, `factor` times as large.
   Signal scaled(double factor) const { return {factor * offset, factor * amplitude, frequency, phase}; }
 
+  /// A bound of the `order`-th time derivative.
+  double bound(int order = 0) const {
+    const double wave = std::abs(amplitude) * std::pow(2.0 * std::numbers::pi * std::abs(frequency), order);
+    return order == 0 ? std::abs(offset) + wave : wave;
+  }
+
   /// The `order`-th time derivative at t [s].
   double value(double t, int order = 0) const {
     const double omega = 2.0 * std::numbers::pi * frequency;

@@ -17,6 +17,7 @@ std::unique_ptr<Case> make_case(MPI_Comm comm, Scene& scene) {
   if (scheme == Scheme::catching_up) return make_sweeping_case(comm, scene);
   if (scheme == Scheme::moreau_jean) return make_lagrangian_case(comm, scene);
   if (scheme == Scheme::hybrid) {
+    if (std::holds_alternative<SweepingSpec>(scene.model)) return make_sweeping_case(comm, scene);
     const auto* chain = std::get_if<ChainSpec>(&scene.model);
     if (std::holds_alternative<ImpactSpec>(scene.model) || (chain != nullptr && chain->element->kappa))
       return make_impact_case(comm, scene);

@@ -17,9 +17,11 @@ public:
       : grid_(scene.time.grid()), system_(make_sweeping_system(comm, std::get<SweepingSpec>(scene.model))) {
     distribute(system_);
     dvi_ = make_sweeping_dvi(system_, grid_);
+    if (scene.time.scheme == Scheme::hybrid) hybrid_ = make_hybrid(*dvi_, system_);
   }
 
   Dvi& dvi() override { return *dvi_; }
+  HybridProcess* hybrid() override { return hybrid_.get(); }
   Recording recording(const OutputSpec& output) const override;
   std::string form() const override { return system_.is_box() ? "box on u" : "u and measures of faces"; }
   std::int64_t constraints() const override { return system_.constraints(); }
@@ -36,6 +38,7 @@ private:
   TimeGrid grid_;
   SweepingSystem system_;
   std::unique_ptr<ConstrainedDvi> dvi_;
+  std::unique_ptr<HybridProcess> hybrid_;
 };
 
 Recording SweepingCase::recording(const OutputSpec&) const {

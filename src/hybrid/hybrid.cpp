@@ -34,7 +34,7 @@ StepReport HybridProcess::reset(StepSolver& solver, const Step& step) {
 Hybrid::Hybrid(HybridProcess& process, const HybridOptions& options, double h)
     : process_(process), options_(options), h_(h), x_(duplicate(process.system().x0.get())) {
   const RelativeDegree& degree = process.degree();
-  if (degree.lowest > 0) flow_.emplace(process.system(), degree);
+  if (degree.lowest > 0) flow_.emplace(process.system(), degree, process.offset());
   upper_.assign(degree.degree.size(), PETSC_INFINITY);
   if (process.system().wmax) {
     const ReadArray walls(process.system().wmax.get());
@@ -52,7 +52,7 @@ StepReport Hybrid::advance(const Step& interval, StepSolver& solver, const Obser
   report_.certified = true;
   report_.rung = Rung::hybrid;
   t_ = interval.t_old;
-  process_.read(x_.get(), z_);
+  process_.read(t_, x_.get(), z_);
   mu_.assign(constraints(), 0.0);
   if (!continues_) contact_.assign(constraints(), Side::none);
   contact_known_ = continues_ = continues_ && t_ == reached_;
@@ -104,6 +104,7 @@ bool Hybrid::move(const Step& interval) {
   continues_ = false;
   if (!began) return false;
   contact_ = flow_->contact();
+  if (any_rank(process_.dvi().comm(), !process_.admits(contact_))) return false;
   if (contact_known_ || jumped) {
     for (std::size_t a = 0; a < constraints(); ++a)
       if (closed[a] == Side::none) closed[a] = before[a];
@@ -172,7 +173,7 @@ bool Hybrid::jump(const Step& now) {
   }
   ++counts_.resets;
   (*part_)(now);
-  process_.read(x_.get(), z_);
+  process_.read(t_, x_.get(), z_);
   return true;
 }
 
@@ -260,8 +261,8 @@ bool Hybrid::take(const Step& step, bool last) {
   process_.dvi().accept(solver_->solution(), solver_->residual());
   // The last step of an interval is told by its caller, unless we write its state.
   if (flow_ || !last) (*part_)(step);
-  process_.read(x_.get(), z_);
   t_ = step.t_new;
+  process_.read(t_, x_.get(), z_);
   ++counts_.steps;
   counts_.stepped += step.h;
   return true;

@@ -26,7 +26,7 @@ public:
   const LinearSystem& system() const override { return system_; }
   const RelativeDegree& degree() const override { return degree_; }
 
-  void read(Vec x, std::vector<double>& z) override {
+  void read(double, Vec x, std::vector<double>& z) override {
     const ReadArray s(dvi_.s());
     const ReadArray v(dvi_.v());
     const WriteArray pairs(x);

@@ -23,7 +23,7 @@ public:
   const LinearSystem& system() const override { return system_; }
   const RelativeDegree& degree() const override { return degree_; }
 
-  void read(Vec x, std::vector<double>& z) override {
+  void read(double, Vec x, std::vector<double>& z) override {
     check(VecCopy(dvi_.x(), x));
     if (degree_.lowest > 0) z = dvi_.z();
   }

@@ -18,7 +18,7 @@ public:
   const LinearSystem& system() const override { return system_; }
   const RelativeDegree& degree() const override { return degree_; }
 
-  void read(Vec x, std::vector<double>& z) override {
+  void read(double, Vec x, std::vector<double>& z) override {
     {
       const ReadArray q(dvi_.position());
       const ReadArray v(dvi_.velocity());

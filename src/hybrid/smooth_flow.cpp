@@ -49,8 +49,8 @@ double norm(Vec vector) {
 
 }  // namespace
 
-SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree)
-    : system_(system), degree_(degree), forcing_(system, degree) {
+SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset)
+    : system_(system), degree_(degree), offset_(offset), forcing_(system, degree) {
   const std::size_t count = degree.degree.size();
   const PetscInt first = row_range(degree.Z.get()).first;
   RowBuilder rows;
@@ -125,6 +125,7 @@ bool SmoothFlow::start(double t, Vec x, const std::vector<double>& z, bool conti
 // a_k = z_r^(k+1) / k! where lambda = 0, and what it is made of.
 void SmoothFlow::find_acceleration(int k) {
   check(MatMult(last_rows_.get(), rate_.get(), a_.get()));
+  if (offset_ != nullptr) offset_->add_to(a_.get(), t_, degree_.highest + k, 1.0 / factorial(k));
   if (system_.f.varies) {
     forcing_.remaining_rate(t_, k, outputs_.get());
     const ReadArray extra(outputs_.get());
@@ -139,10 +140,9 @@ void SmoothFlow::find_terms(int k) {
   check(VecAbs(work_.get()));
   const Vector sum = duplicate(work_.get());
   check(MatMult(abs_A_.get(), work_.get(), sum.get()));
-  check(VecCopy(rate_.get(), work_.get()));  // with the forcing, which A X_k may cancel
-  check(VecAbs(work_.get()));
-  check(VecAXPY(sum.get(), 2.0, work_.get()));
+  if (system_.f.any) system_.f.add_bound_to(sum.get(), k, 1.0 / factorial(k));
   check(MatMult(abs_last_.get(), sum.get(), terms_.get()));
+  if (offset_ != nullptr) offset_->add_bound_to(terms_.get(), degree_.highest + k, 1.0 / factorial(k));
 }
 
 // Who of those that touch stays, by the k-th derivative: 0 <= a + M Lambda _|_ Lambda >= 0.
@@ -272,6 +272,7 @@ bool SmoothFlow::next() {
   check(VecCopy(rate_.get(), term));
   check(VecScale(term, 1.0 / static_cast<double>(known_)));
   check(MatMult(system_.C.get(), term, w_now_.get()));
+  if (offset_ != nullptr) offset_->add_to(w_now_.get(), t_, known_, 1.0 / factorial(known_));
   w_.push_back(values_of(w_now_.get()));
   for (std::size_t a = 0; a < constraints(); ++a)
     if (known_ < levels(a)) w_.back()[a] = z_[at(a, known_ + 1)] / factorial(known_);
@@ -370,6 +371,18 @@ void SmoothFlow::evaluate(double tau, bool at_event, Vec x, std::vector<double>&
   if (at_event || any_contact_) project(x, t_ + tau, at_event);
 }
 
+// To the outputs' own g: level i is the (i-1)-th derivative.
+void SmoothFlow::add_offset(double t) {
+  for (int i = 1; i <= degree_.highest; ++i) {
+    check(VecSet(w_now_.get(), 0.0));
+    offset_->add_to(w_now_.get(), t, i - 1, 1.0);
+    const ReadArray moved(w_now_.get());
+    const WriteArray g(g_.get());
+    for (std::size_t a = 0; a < constraints(); ++a)
+      g[static_cast<PetscInt>(at(a, i))] += moved[static_cast<PetscInt>(a)];
+  }
+}
+
 void SmoothFlow::put_in_contact(const std::vector<Side>& contact, double t, Vec x) {
   contact_ = contact;
   project(x, t, false);
@@ -379,6 +392,7 @@ void SmoothFlow::put_in_contact(const std::vector<Side>& contact, double t, Vec 
 // all, at an event the first.
 void SmoothFlow::project(Vec x, double t, bool at_event) {
   forcing_.evaluate(t, g_.get());
+  if (offset_ != nullptr) add_offset(t);
   for (int sweep = 0; sweep < (coupled_ ? 1 + degree_.highest : 1); ++sweep) {
     check(MatMultAdd(degree_.Z.get(), x, g_.get(), outputs_.get()));
     {

@@ -24,8 +24,9 @@ namespace sweepvi {
 /// All methods are collective.
 class SmoothFlow {
 public:
-  /// Both must outlive the flow. @pre degrees >= 1
-  SmoothFlow(const LinearSystem& system, const RelativeDegree& degree);
+  /// All must outlive the flow. @pre degrees >= 1
+  /// @param offset  w = C x + w0 + offset(t), where all degrees are equal; may be null
+  SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset);
 
   /// Begins a series at t. @return false if it could not be found which constraints stay in contact.
   /// @param continues  the state is where the last series led, without an event: contact is as it was
@@ -63,6 +64,7 @@ private:
   Matrix masked_markov(bool with_tied) const;
   bool find_multipliers();
   void project(Vec x, double t, bool at_event);
+  void add_offset(double t);
   std::size_t constraints() const { return contact_.size(); }
   int levels(std::size_t a) const { return degree_.degree[a]; }
   std::size_t at(std::size_t a, int level) const {
@@ -74,6 +76,7 @@ private:
 
   const LinearSystem& system_;
   const RelativeDegree& degree_;
+  const Forcing* offset_;
   OutputForcing forcing_;
   Matrix last_rows_;  // rows (a, r_a) of Z: m x n
   Matrix abs_A_, abs_last_;

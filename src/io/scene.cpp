@@ -32,20 +32,16 @@ std::vector<std::string> names_of(const std::vector<Choice>& choices) {
 std::vector<Scheme> schemes_of(const std::string& kind, const TomlValue& model) {
   if (kind == "linear") return {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler, Scheme::hybrid};
   if (kind == "lagrangian") return {Scheme::moreau_jean, Scheme::homsp, Scheme::hybrid};
-  if (kind == "sweeping") return {Scheme::catching_up};
+  if (kind == "sweeping") return {Scheme::catching_up, Scheme::hybrid};
   if (kind == "zhuravlev-ivanov") return {Scheme::zhuravlev_ivanov, Scheme::hybrid};
   return chain_schemes(model);
 }
 
-Scheme read_scheme(const TomlValue& value, const std::vector<Scheme>& fitting,
-                   const std::vector<std::string>& planned) {
+Scheme read_scheme(const TomlValue& value, const std::vector<Scheme>& fitting) {
   const std::vector<std::string> names = names_of(fitting);
   const std::vector<std::string> known = names_of(all_schemes);
   const std::string name = value.choice(value ? known : names, true);
   const auto at = std::find(names.begin(), names.end(), name);
-  if (at == names.end() && std::find(planned.begin(), planned.end(), name) != planned.end())
-    value.fail(fmt::format("= \"{}\" is not built yet for this model; available: \"{}\"", name,
-                           fmt::join(names, "\", \"")));
   if (at == names.end())
     value.fail(fmt::format("= \"{}\" does not fit this model; expected {}", name, fmt::join(names, ", ")));
   return fitting[static_cast<std::size_t>(at - names.begin())];
@@ -69,13 +65,12 @@ Detection read_detection(const TomlValue& key, bool fits) {
   return all[static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin())];
 }
 
-TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting,
-                   const std::vector<std::string>& planned) {
+TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
   const TomlValue scheme = table["scheme"], start = table["start"], end = table["end"], step = table["step"],
                   theta = table["theta"], gamma = table["gamma"], detection = table["detection"],
                   tolerance = table["tolerance"];
   TimeSpec time;
-  time.scheme = read_scheme(scheme, fitting, planned);
+  time.scheme = read_scheme(scheme, fitting);
   table.refuse_unknown();
   const bool event_driven = time.scheme == Scheme::hybrid;
   if (tolerance && !event_driven)
@@ -151,7 +146,7 @@ void read_document(const TomlValue& document, bool root, Scene& scene) {
   // What the contract names for later, so that it is not mistaken for a slip.
   const std::vector<std::string> planned =
       kind == "sweeping" ? std::vector<std::string>{"hybrid"} : std::vector<std::string>{};
-  scene.time = read_time(time, schemes_of(kind, model), planned);
+  scene.time = read_time(time, schemes_of(kind, model));
   if (kind == "linear") {
     scene.model = read_linear(model, root);
   } else if (kind == "lagrangian") {

@@ -32,6 +32,15 @@ void Forcing::add_to(Vec y, double t, int order, double factor) const {
     values[entry.local] += factor * entry.signal.value(t, order);
 }
 
+void Forcing::add_bound_to(Vec y, int order, double factor) const {
+  const WriteArray values(y);
+  if (order == 0)
+    for (const Entry& entry : constant)
+      values[entry.local] += factor * entry.signal.bound();
+  for (const Entry& entry : varying)
+    values[entry.local] += factor * entry.signal.bound(order);
+}
+
 MPI_Comm LinearSystem::comm() const {
   return PetscObjectComm(reinterpret_cast<PetscObject>(A.get()));
 }

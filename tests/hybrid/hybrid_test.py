@@ -187,6 +187,24 @@ class Hybrid(unittest.TestCase):
             self.assertGreater(errors[0] / errors[1], 5.0, errors)
             self.assertLess(errors[0] / errors[1], 20.0, errors)
 
+    def test_moving_sets(self):
+        """Without a field A u or f of their own, points pushed by sets are where the catching-up algorithm has them, at its
+        times, as long as no face turns the push into a slide in between: exactly for a play, and for the polygon."""
+        for example in ("play_operator", "moving_polygon", "stop_operator"):
+            scene = EXAMPLES / example / "scene.toml"
+            with self.subTest(example), self.run_scene(scene, tolerance=1e-12, name="hybrid") as file:
+                t, x = file["t"][:], file["x"][:]
+                self.assertEqual(file["w"][:].min(), 0.0)
+                self.assertEqual(self.summary["hybrid"]["steps"], 0)
+                events = [(e["constraint"], e["kind"]) for e in file["events"][:]]
+                with self.run_scene(scene, tolerance=None, time__scheme=None, name="steps") as steps:
+                    stepped = steps["x"][:]
+                    at_steps = x[np.searchsorted(t, steps["t"][:] + 1e-12, side="right") - 1]
+                    sides = [(e["constraint"], e["kind"]) for e in steps["events"][:]]
+                if example != "stop_operator":  # it has a velocity of its own, and the algorithm's error is h
+                    np.testing.assert_allclose(at_steps, stepped, rtol=0, atol=1e-12)
+                    self.assertEqual(sorted(set(events)), sorted(set(sides)))
+
     def test_a_column_that_lands(self):
         """Balls land one after the other on those below, exactly at sqrt(2 (0.1 + 0.05 i)), and stay."""
         count = 12

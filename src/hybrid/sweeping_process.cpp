@@ -1,0 +1,218 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "dvi/level_state.hpp"
+#include "hybrid/named_numbers.hpp"
+#include "petsc/sparse.hpp"
+#include "sweepvi/hybrid.hpp"
+#include "sweepvi/sweeping.hpp"
+
+namespace sweepvi {
+
+namespace {
+
+/// The rows w_a = s_a (u_i - b_i(t)) >= 0 of a box, or those of a polyhedron: constraints of degree 1 that
+/// move.
+struct Rows {
+  Matrix C;
+  Forcing offset;
+  std::vector<PetscInt> component;  // box: local number of u_i
+  std::vector<Side> side;           // box: which bound
+};
+
+void add_bound(const std::optional<Forcing>& bound, Side side, PetscInt components, Rows& rows,
+               std::vector<SparseRow>& entries, PetscInt first) {
+  if (!bound) return;
+  std::vector<Signal> signals(static_cast<std::size_t>(components));  // what is not listed is zero
+  std::vector<char> varies(signals.size(), 0);
+  for (const auto* list : {&bound->constant, &bound->varying})
+    for (const Forcing::Entry& entry : *list)
+      signals[static_cast<std::size_t>(entry.local)] = entry.signal;
+  for (PetscInt i = 0; i < components; ++i) {
+    const Signal& signal = signals[static_cast<std::size_t>(i)];
+    if (std::isinf(signal.offset)) continue;
+    const auto row = static_cast<PetscInt>(rows.component.size());
+    rows.component.push_back(i);
+    rows.side.push_back(side);
+    entries.push_back({{first + i, sign(side)}});
+    (signal.varies() ? rows.offset.varying : rows.offset.constant)
+        .push_back({row, signal.scaled(-sign(side))});
+  }
+}
+
+Rows rows_of(const SweepingSystem& system) {
+  Rows rows;
+  PetscInt components = 0, first = 0;
+  check(VecGetLocalSize(system.u0.get(), &components));
+  check(VecGetOwnershipRange(system.u0.get(), &first, nullptr));
+  if (system.G) {
+    rows.C = Matrix::share(system.G.get());
+    rows.offset = system.g;
+    for (auto* list : {&rows.offset.constant, &rows.offset.varying})
+      for (Forcing::Entry& entry : *list)
+        entry.signal = entry.signal.scaled(-1.0);
+    return rows;
+  }
+  std::vector<SparseRow> entries;
+  add_bound(system.lower, Side::lower, components, rows, entries, first);
+  add_bound(system.upper, Side::upper, components, rows, entries, first);
+  RowBuilder builder;
+  for (const SparseRow& row : entries) {
+    builder.add(row);
+    builder.end_row();
+  }
+  rows.C = builder.finish(system.comm(), components);
+  return rows;
+}
+
+/// x' = A x + C' lambda + f, w = C x + offset(t).
+LinearSystem linear_form(const SweepingSystem& system, const Rows& rows) {
+  LinearSystem linear;
+  PetscInt components = 0;
+  check(VecGetLocalSize(system.u0.get(), &components));
+  if (system.A) {
+    linear.A = Matrix::share(system.A.get());
+  } else {
+    RowBuilder nothing;
+    for (PetscInt i = 0; i < components; ++i)
+      nothing.end_row();
+    linear.A = nothing.finish(system.comm(), components);
+  }
+  linear.B = transpose(rows.C.get());
+  linear.C = Matrix::share(rows.C.get());
+  linear.f = system.f;
+  linear.x0 = Vector::share(system.u0.get());
+  linear.w0 = make_vector(system.comm(), row_range(rows.C.get()).size());
+  check(VecSet(linear.w0.get(), 0.0));
+  linear.state_order = system.state_order;
+  linear.constraint_order = system.face_order;
+  if (!system.G)
+    for (const PetscInt i : rows.component)
+      linear.constraint_order.push_back(system.state_order[static_cast<std::size_t>(i)]);
+  return linear;
+}
+
+/// A point swept along by a moving box or polyhedron, stepped by the catching-up algorithm.
+class SweepingProcess final : public HybridProcess {
+public:
+  SweepingProcess(ConstrainedDvi& dvi, const SweepingSystem& system)
+      : dvi_(dvi),
+        box_(system.is_box()),
+        rows_(rows_of(system)),
+        system_(linear_form(system, rows_)),
+        degree_(analyse_relative_degree(system_)),
+        offset_(duplicate(system_.w0.get())) {
+    if (!box_) return;
+    // A component is never at both of its bounds (`admits`): they share no multiplier.
+    RowBuilder identity;
+    const LocalRange range = row_range(degree_.markov.get());
+    for (PetscInt row = range.first; row < range.last; ++row) {
+      identity.add(row, 1.0);
+      identity.end_row();
+    }
+    degree_.markov = identity.finish(system.comm(), range.size());
+  }
+
+  Dvi& dvi() override { return dvi_; }
+  const LinearSystem& system() const override { return system_; }
+  const RelativeDegree& degree() const override { return degree_; }
+  const Forcing* offset() const override { return &rows_.offset; }
+
+  bool admits(const std::vector<Side>& contact) const override {
+    if (!box_) return true;
+    std::vector<char> taken(dvi_.w().size(), 0);
+    for (std::size_t a = 0; a < contact.size(); ++a)
+      if (contact[a] != Side::none && std::exchange(taken[component(a)], 1) != 0) return false;
+    return true;
+  }
+
+  void read(double t, Vec x, std::vector<double>& z) override {
+    check(VecCopy(dvi_.x(), x));
+    const std::vector<Side> contact = in_contact();
+    check(VecSet(offset_.get(), 0.0));
+    rows_.offset.add_to(offset_.get(), t, 0, 1.0);
+    const Vector w = duplicate(offset_.get());
+    check(MatMultAdd(rows_.C.get(), x, offset_.get(), w.get()));
+    const ReadArray values(w.get());
+    for (std::size_t a = 0; a < z.size(); ++a)
+      z[a] = contact[a] != Side::none ? 0.0 : values[static_cast<PetscInt>(a)];
+  }
+
+  void write(Vec x, const std::vector<double>& z, const std::vector<Side>& contact,
+             const std::vector<double>& mu) override {
+    const auto zero = [](std::span<double> values) { std::fill(values.begin(), values.end(), 0.0); };
+    const auto sides = [&](std::span<double> values) {
+      std::fill(values.begin(), values.end(), 0.0);
+      for (std::size_t a = 0; a < contact.size(); ++a)
+        if (contact[a] != Side::none) values[component(a)] = box_ ? sign(rows_.side[a]) : 1.0;
+    };
+    NamedNumbers put(
+        true, {{"u",
+                [&](std::span<double> values) {
+                  const ReadArray from(x);
+                  std::copy_n(from.data(), from.size(), values.begin());
+                }},
+               {"w",
+                [&](std::span<double> values) {
+                  std::fill(values.begin(), values.end(), std::numeric_limits<double>::infinity());
+                  for (std::size_t a = 0; a < z.size(); ++a)
+                    values[component(a)] = std::min(values[component(a)], z[a]);
+                }},
+               {"mu",
+                [&](std::span<double> values) {
+                  std::fill(values.begin(), values.end(), 0.0);
+                  for (std::size_t a = 0; a < mu.size(); ++a)
+                    values[component(a)] += box_ ? sign(rows_.side[a]) * mu[a] : mu[a];
+                }},
+               {"level", [](std::span<double> values) { std::fill(values.begin(), values.end(), 1.0); }},
+               {"side", sides},
+               {"old side", sides},
+               {"started outside", zero},
+               {"nu", zero}});
+    dvi_.visit(put);
+  }
+
+  std::vector<Side> in_contact() override {
+    std::vector<Side> contact(degree_.degree.size(), Side::none);
+    NamedNumbers take(false, {{"side", [&](std::span<double> sides) {
+                                 for (std::size_t a = 0; a < contact.size(); ++a) {
+                                   const double wanted = box_ ? sign(rows_.side[a]) : 1.0;
+                                   if (sides[component(a)] == wanted) contact[a] = Side::lower;
+                                 }
+                               }}});
+    dvi_.visit(take);
+    return contact;
+  }
+
+  void tell(std::vector<StepEvent> events) override {
+    for (StepEvent& event : events) {
+      if (!box_) continue;
+      const auto a = static_cast<std::size_t>(event.constraint);
+      event.side = rows_.side[a];
+      event.constraint = rows_.component[a];
+    }
+    dvi_.tell(std::move(events));
+  }
+
+private:
+  std::size_t component(std::size_t a) const {
+    return box_ ? static_cast<std::size_t>(rows_.component[a]) : a;
+  }
+
+  ConstrainedDvi& dvi_;
+  bool box_;
+  Rows rows_;
+  LinearSystem system_;
+  RelativeDegree degree_;
+  Vector offset_;
+};
+
+}  // namespace
+
+std::unique_ptr<HybridProcess> make_hybrid(ConstrainedDvi& dvi, const SweepingSystem& system) {
+  return std::make_unique<SweepingProcess>(dvi, system);
+}
+
+}  // namespace sweepvi
