@@ -54,8 +54,8 @@ StepReport Hybrid::advance(const Step& interval, StepSolver& solver, const Obser
   t_ = interval.t_old;
   process_.read(t_, x_.get(), z_);
   mu_.assign(constraints(), 0.0);
-  if (!continues_) contact_.assign(constraints(), Side::none);
-  contact_known_ = continues_ = continues_ && t_ == reached_;
+  contact_ = flow_ ? process_.in_contact() : std::vector<Side>(constraints(), Side::none);
+  continues_ = continues_ && t_ == reached_;
   impacts_.assign(constraints(), {});
   events_ = 0;
   unseen_ = 0;
@@ -105,12 +105,9 @@ bool Hybrid::move(const Step& interval) {
   if (!began) return false;
   contact_ = flow_->contact();
   if (any_rank(process_.dvi().comm(), !process_.admits(contact_))) return false;
-  if (contact_known_ || jumped) {
-    for (std::size_t a = 0; a < constraints(); ++a)
-      if (closed[a] == Side::none) closed[a] = before[a];
-    tell_changes(now, closed, jumped);
-  }
-  contact_known_ = true;
+  for (std::size_t a = 0; a < constraints(); ++a)
+    if (closed[a] == Side::none) closed[a] = before[a];
+  tell_changes(now, closed, jumped);
 
   const double left = interval.t_new - t_;
   const double rate = 0.1 * options_.tolerance / (options_.end - options_.start);
@@ -120,8 +117,9 @@ bool Hybrid::move(const Step& interval) {
   if (!length) return false;
   const std::optional<double> event = flow_->first_event(*length);
   flow_->evaluate(event.value_or(*length), event.has_value(), x_.get(), z_, mu_);
+  const bool ends = !event && *length == left;
   const double old =
-      std::exchange(t_, !event && *length == left ? interval.t_new : t_ + event.value_or(*length));
+      std::exchange(t_, ends ? interval.t_new : std::min(t_ + event.value_or(*length), interval.t_new));
   if (t_ > old)
     unseen_ = 0;
   else if (!event || ++unseen_ == most_jumps)
@@ -246,6 +244,7 @@ bool Hybrid::time_step(const Step& interval, double h, bool until_rest) {
     break;
   }
   impacts_.assign(constraints(), {});
+  if (flow_ && t_ == interval.t_new) contact_ = process_.in_contact();
   return true;
 }
 

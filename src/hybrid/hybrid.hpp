@@ -61,7 +61,6 @@ private:
   Vector x_;
   std::vector<double> z_, mu_;
   std::vector<Side> contact_;
-  bool contact_known_ = false;
   bool continues_ = false;                    // nothing has happened since the last series
   double reached_ = 0.0;                      // where the last interval ended
   std::vector<std::vector<double>> impacts_;  // of each constraint: when
