@@ -30,9 +30,10 @@ const std::vector<VerbEntry>& verbs() {
       {"solve", Verb::solve, "PROBLEM.toml", "solve one box VI, LCP or mixed LCP"},
       {"compare", Verb::compare, "A.h5 B.h5",
        "distances between two recorded runs, or from a table FILE.csv"},
+      {"study", Verb::study, "SCENE.toml",
+       "run a scene with several steps, schemes and solver settings: errors against time"},
       {"info", Verb::info, "", "versions of sweepvi and of the libraries it uses; also --version"},
       {"help", Verb::help, "[VERB]", "this text, or that of a verb; also -h, --help, -help"},
-      {"study", std::nullopt, "SCENE.toml", ""},
       {"bench", std::nullopt, "SCENE.toml", ""}};
   return entries;
 }
@@ -56,7 +57,7 @@ const std::vector<OptionEntry>& options() {
       {"-o", "FILE.h5", {Verb::solve}, true, "output file (default: the problem's stem + .h5)"},
       {"--set",
        "key=value",
-       {Verb::run, Verb::check},
+       {Verb::run, Verb::check, Verb::study},
        true,
        "override a key, as in time.step=1e-3; repeatable"},
       {"--summary",
@@ -64,9 +65,29 @@ const std::vector<OptionEntry>& options() {
        {Verb::run, Verb::solve},
        true,
        "write one JSON object with status, counts and times"},
+      {"--steps", "1e-1,1e-2,...", {Verb::study}, true, "time steps to run with [s]"},
+      {"--schemes", "a,b", {Verb::study}, true, "schemes to run (default: the scene's own)"},
+      {"--tolerances",
+       "1e-4,1e-8,...",
+       {Verb::study},
+       true,
+       "of the scheme hybrid, instead of steps (default: the scene's)"},
+      {"--settings",
+       "FILE.toml",
+       {Verb::study},
+       true,
+       "solver options to compare, [[setting]] with name and options"},
+      {"--reference",
+       "FILE.h5|FILE.csv|STEP",
+       {Verb::study},
+       true,
+       "what errors refer to: a file, or the scene's scheme at so small a step (default: hybrid at 1e-12)"},
+      {"--repeats", "K", {Verb::study}, true, "how often each is run for its time (default: 3)"},
+      {"--csv", "FILE.csv", {Verb::study}, true, "write the table; scripts/plot draws it"},
+      {"--summary", "FILE.json", {Verb::study}, true, "write the table and what it refers to as JSON"},
       {"--components",
        "0,1,...",
-       {Verb::compare},
+       {Verb::compare, Verb::study},
        true,
        "columns of /x to look at, numbered from 0 (default: all)"},
       {"--tolerance",
@@ -84,7 +105,7 @@ const std::vector<OptionEntry>& options() {
       {"--wall-limit", "SECONDS", {Verb::run}, true, "stop in order after so long, with a checkpoint"},
       {"--help",
        "",
-       {Verb::run, Verb::check, Verb::solve},
+       {Verb::run, Verb::check, Verb::solve, Verb::study},
        true,
        "this text; after the file also the options of what it builds"},
       {"--help", "", {Verb::compare}, true, "this text"}};
@@ -135,8 +156,7 @@ public:
   CommandLine parse() {
     const VerbEntry& entry = entry_of(line_.verb);
     const bool compares = line_.verb == Verb::compare;
-    const bool wants_file =
-        line_.verb == Verb::run || line_.verb == Verb::check || line_.verb == Verb::solve || compares;
+    const bool wants_file = line_.verb != Verb::info && line_.verb != Verb::help;
     if (wants_file && !words_.empty() && !is_option(words_[0])) line_.scene = take();
     if (compares && !words_.empty() && !is_option(words_[0])) line_.other = take();
     while (!words_.empty())
@@ -148,6 +168,8 @@ public:
     } else if (wants_file && (line_.scene.empty() || (compares && line_.other.empty()))) {
       throw InputError(fmt::format("'{0}' needs {2}{1} directly after it: sweepvi {0} {1} ...", entry.name,
                                    entry.operand, compares ? "" : "a "));
+    } else if (line_.verb == Verb::study) {
+      check_study();
     }
     return std::move(line_);
   }
@@ -224,11 +246,22 @@ private:
       set_components(value);
     } else if (word == "--tolerance") {
       set_tolerance(value);
+    } else if (word == "--steps") {
+      set_list(word, value, numbers(word, value), line_.steps);
+    } else if (word == "--tolerances") {
+      set_list(word, value, numbers(word, value), line_.tolerances);
+    } else if (word == "--schemes") {
+      set_list(word, value, pieces(value), line_.schemes);
+    } else if (word == "--repeats") {
+      set_repeats(value);
     } else {
       keep_once(word, value,
-                word == "-o"          ? line_.output
-                : word == "--restart" ? line_.restart
-                                      : line_.summary);
+                word == "-o"            ? line_.output
+                : word == "--restart"   ? line_.restart
+                : word == "--settings"  ? line_.settings
+                : word == "--reference" ? line_.reference
+                : word == "--csv"       ? line_.csv
+                                        : line_.summary);
     }
   }
 
@@ -237,7 +270,7 @@ private:
       if (word.starts_with(alias.word + "="))
         throw InputError(fmt::format("write '{} VALUE' instead of '{}'", alias.word, word));
       if (word != alias.word) continue;
-      if (line_.verb != Verb::run && line_.verb != Verb::check)
+      if (line_.verb != Verb::run && line_.verb != Verb::check && line_.verb != Verb::study)
         throw InputError(fmt::format("'{}' does not take {}: it has no [time]", verb_name(), word));
       const std::string value = take_value(word, "VALUE");
       const std::optional<double> number = to_number(value);
@@ -303,6 +336,66 @@ private:
       throw InputError(
           fmt::format("--tolerance {} and --tolerance {} contradict each other", *line_.tolerance, text));
     line_.tolerance = tolerance;
+  }
+
+  static std::vector<std::string> pieces(const std::string& text) {
+    std::vector<std::string> found(1);
+    for (const char c : text)
+      if (c == ',')
+        found.emplace_back();
+      else
+        found.back() += c;
+    return found;
+  }
+
+  static std::vector<double> numbers(const std::string& word, const std::string& text) {
+    std::vector<double> found;
+    for (const std::string& piece : pieces(text)) {
+      const std::optional<double> number = to_number(piece);
+      if (!number || !(*number > 0.0) || !std::isfinite(*number))
+        throw InputError(
+            fmt::format("{} {}: expected numbers above 0 with commas between, as in 1e-1,1e-2", word, text));
+      found.push_back(*number);
+    }
+    return found;
+  }
+
+  template <class Entry>
+  static void set_list(const std::string& word, const std::string& text, const std::vector<Entry>& found,
+                       std::vector<Entry>& kept) {
+    std::vector<Entry> sorted = found;
+    std::sort(sorted.begin(), sorted.end());
+    const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
+    if (twice != sorted.end()) throw InputError(fmt::format("{} {}: {} is there twice", word, text, *twice));
+    if (!kept.empty() && kept != found)
+      throw InputError(fmt::format("{0} {1} contradicts an earlier {0}", word, text));
+    kept = found;
+  }
+
+  void set_repeats(const std::string& text) {
+    const std::optional<double> count = to_number(text);
+    constexpr double most = 1e6;
+    if (!count || !(*count >= 1.0) || *count > most || *count != std::round(*count))
+      throw InputError(fmt::format("--repeats {}: expected a whole number, 1 or more", text));
+    if (line_.repeats && *line_.repeats != *count)
+      throw InputError(
+          fmt::format("--repeats {} and --repeats {} contradict each other", *line_.repeats, text));
+    line_.repeats = static_cast<int>(*count);
+  }
+
+  // Its steps, schemes and tolerances come from their lists.
+  void check_study() const {
+    if (line_.steps.empty() && line_.tolerances.empty())
+      throw InputError(
+          "'study' needs steps to run with: --steps 1e-1,1e-2,...; for hybrid alone also --tolerances");
+    const auto clash = [&](const char* key, const char* word, bool listed) {
+      for (std::size_t i = 0; i < said_.size(); ++i)
+        if (listed && line_.overrides[i].first == key)
+          throw InputError(fmt::format("{} contradicts {}; leave out one of them", said_[i], word));
+    };
+    clash("time.step", "--steps", !line_.steps.empty());
+    clash("time.scheme", "--schemes", !line_.schemes.empty());
+    clash("time.tolerance", "--tolerances", !line_.tolerances.empty());
   }
 
   void add_set(const std::string& text) {
@@ -406,7 +499,7 @@ std::string help_text(std::optional<Verb> topic) {
   for (const OptionEntry& option : options())
     if (option.built && takes(option, *topic))
       rows.emplace_back(option.value.empty() ? option.word : option.word + " " + option.value, option.text);
-  if (*topic == Verb::run || *topic == Verb::check)
+  if (*topic == Verb::run || *topic == Verb::check || *topic == Verb::study)
     for (const Alias& alias : aliases())
       rows.emplace_back(alias.word + " VALUE", fmt::format("the same as --set {}=VALUE", alias.key));
   if (rows.empty()) return fmt::format("Usage: sweepvi {}\n\n{}\n", verb.name, verb.text);

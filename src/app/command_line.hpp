@@ -9,7 +9,7 @@
 
 namespace sweepvi::app {
 
-enum class Verb { run, check, solve, compare, info, help };
+enum class Verb { run, check, solve, compare, study, info, help };
 
 /// The command line, split: ours on one side, PETSc's words on the other.
 struct CommandLine {
@@ -25,6 +25,13 @@ struct CommandLine {
   std::optional<std::string> restart;    ///< --restart
   std::optional<double> wall_limit;      ///< --wall-limit [s]
   bool force = false;                    ///< --force
+  std::vector<double> steps;             ///< --steps [s], of study
+  std::vector<double> tolerances;        ///< --tolerances, of hybrid
+  std::vector<std::string> schemes;      ///< --schemes
+  std::optional<std::string> settings;   ///< --settings
+  std::optional<std::string> reference;  ///< --reference: a file, or a number
+  std::optional<std::string> csv;        ///< --csv
+  std::optional<int> repeats;            ///< --repeats
   Overrides overrides;                   ///< --set, in order; -ts_dt, -ts_max_time, -ts_theta_theta folded in
   std::vector<std::string> petsc_words;  ///< everything else, in order, program name excluded
 };
@@ -32,7 +39,7 @@ struct CommandLine {
 /// Pure text work: no file is opened, MPI and PETSc need not be initialised.
 /// @throws Error (bad_input): unknown verb or word (with the nearest known), missing or contradicting values,
 /// a foreign
-///         -ts_type, something that is not built yet (study, bench).
+///         -ts_type, something that is not built yet (bench).
 CommandLine parse_command_line(const std::vector<std::string>& words);
 
 /// The text of `sweepvi help [VERB]`.

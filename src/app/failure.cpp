@@ -14,4 +14,11 @@ std::string why_unsolved(const StepReport& report, const CertificateOptions& cer
   return text;
 }
 
+std::string failure_text(const TimeMarch& march, const StepReport& report) {
+  const PetscInt number = march.steps_taken() + 1;
+  const std::string step = fmt::format("step {}, t = {:.6g} s: ", number, march.grid().time(number));
+  if (!report.obstacle.empty()) return step + report.obstacle;
+  return step + "the step " + why_unsolved(report, march.solver().certificate());
+}
+
 }  // namespace sweepvi::app

@@ -4,6 +4,7 @@
 #include <array>
 #include <cctype>
 #include <cstdio>
+#include <sstream>
 
 #include "io/toml_table.hpp"
 #include "sweepvi/petsc.hpp"
@@ -75,18 +76,76 @@ void insert_scene_options(const CommandLine& line, const std::string& options, b
   }
 }
 
-std::vector<std::string> report_unused_options(MPI_Comm comm) {
+namespace {
+
+std::vector<std::string> names_of(const std::string& options) {
+  std::vector<std::string> names;
+  std::istringstream words(options);
+  for (std::string word; words >> word;)
+    if (is_name(word)) names.push_back(word);
+  return names;
+}
+
+std::string all_options() {
+  char* text = nullptr;
+  check(PetscOptionsGetAll(nullptr, &text));
+  std::string all = text;
+  check(PetscFree(text));
+  return all;
+}
+
+std::vector<std::string> unread_options() {
   PetscInt count = 0;
   char** names = nullptr;
   char** values = nullptr;
   check(PetscOptionsLeftGet(nullptr, &count, &names, &values));
-  std::vector<std::string> unused;
-  for (PetscInt i = 0; i < count; ++i) {
-    const std::string name = std::string("-") + names[i];
-    const bool about_options = name == "-options_left" || name == "-help";
-    if (!about_options) unused.push_back(name);
-  }
+  std::vector<std::string> unread;
+  for (PetscInt i = 0; i < count; ++i)
+    unread.push_back(std::string("-") + names[i]);
   check(PetscOptionsLeftRestore(nullptr, &count, &names, &values));
+  return unread;
+}
+
+}  // namespace
+
+OptionsScope::OptionsScope(OptionsRead& read) : read_(read) {
+  const std::string all = all_options();
+  check(PetscOptionsCreate(&options_));
+  check(PetscOptionsPush(options_));
+  check(PetscOptionsInsertString(nullptr, all.c_str()));
+}
+
+OptionsScope::~OptionsScope() {
+  try {
+    const std::vector<std::string> unread = unread_options();
+    for (const std::string& name : names_of(all_options()))
+      read_[name] |= std::find(unread.begin(), unread.end(), name) == unread.end();
+  } catch (const Error&) {  // they are only reported
+  }
+  static_cast<void>(PetscOptionsPop());
+  static_cast<void>(PetscOptionsDestroy(&options_));
+}
+
+void OptionsScope::insert(const CommandLine& line, const std::string& options) {
+  check_options(PetscOptionsInsertString(nullptr, options.c_str()));
+  insert_words(line.petsc_words);
+}
+
+void give_back(const OptionsRead& read) {
+  const std::vector<std::string> here = names_of(all_options());
+  for (const auto& [name, was_read] : read) {
+    PetscBool found = PETSC_FALSE;
+    const bool known = std::find(here.begin(), here.end(), name) != here.end();
+    if (was_read)
+      check(PetscOptionsHasName(nullptr, nullptr, name.c_str(), &found));  // which reads it
+    else if (!known)
+      check(PetscOptionsSetValue(nullptr, name.c_str(), nullptr));
+  }
+}
+
+std::vector<std::string> report_unused_options(MPI_Comm comm) {
+  std::vector<std::string> unused = unread_options();
+  std::erase_if(unused, [](const std::string& name) { return name == "-options_left" || name == "-help"; });
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   if (rank == 0) {

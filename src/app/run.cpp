@@ -20,13 +20,6 @@ namespace sweepvi::app {
 
 namespace {
 
-std::string failure_text(const TimeMarch& march, const StepReport& report) {
-  const PetscInt number = march.steps_taken() + 1;
-  const std::string step = fmt::format("step {}, t = {:.6g} s: ", number, march.grid().time(number));
-  if (!report.obstacle.empty()) return step + report.obstacle;
-  return step + "the step " + why_unsolved(report, march.solver().certificate());
-}
-
 // Leaves the problem of the failed step beside the output, and says so. @note Collective.
 std::string leave_problem(MPI_Comm comm, const std::string& output, TimeMarch& march,
                           const std::string& failure) {

@@ -35,6 +35,10 @@ nlohmann::json number(double value) {
 
 }  // namespace
 
+std::int64_t linear_solves() {
+  return event_count("KSPSolve");
+}
+
 std::int64_t peak_rss_bytes(MPI_Comm comm) {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
@@ -114,7 +118,7 @@ std::string Summary::text(MPI_Comm comm) const {
   json["snes_iterations"] = snes_iterations;
   json["predictor_hits"] = predictor_hits;
   json["factorizations"] = earlier_factorizations + factorizations();
-  json["linear_solves"] = earlier_linear_solves + event_count("KSPSolve");
+  json["linear_solves"] = earlier_linear_solves + linear_solves();
   json["active_changes"] = active_changes;
   for (std::size_t i = 0; i < rungs.size(); ++i)
     json["rungs"][StepSolver::rung_names[i]] = rungs[i];
@@ -130,7 +134,7 @@ std::string Summary::text(MPI_Comm comm) const {
 }
 
 std::pair<std::vector<std::int64_t>, std::vector<double>> Summary::to_go_on(MPI_Comm comm) const {
-  std::int64_t events[] = {factorizations(), event_count("KSPSolve")};
+  std::int64_t events[] = {factorizations(), linear_solves()};
   MPI_Bcast(events, 2, MPI_INT64_T, 0, comm);
   std::vector<std::int64_t> counts = {snes_iterations, predictor_hits, active_changes,
                                       earlier_factorizations + events[0], earlier_linear_solves + events[1]};

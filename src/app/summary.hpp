@@ -45,6 +45,9 @@ struct Summary {
   std::string text(MPI_Comm comm) const;  ///< the JSON; collective
 };
 
+/// Linear systems solved by this process so far. @note Not collective.
+std::int64_t linear_solves();
+
 /// Largest peak of resident memory of any rank [B]. @note Collective.
 std::int64_t peak_rss_bytes(MPI_Comm comm);
 

@@ -184,6 +184,16 @@ std::size_t TomlValue::size() const {
   return as_node(node_)->as_array()->size();
 }
 
+std::vector<TomlValue> TomlValue::tables() const {
+  if (!is_array()) fail_kind("tables, each under [[" + name_ + "]]");
+  std::vector<TomlValue> found;
+  for (std::size_t i = 0; i < size(); ++i) {
+    found.push_back(entry(i));
+    if (!found.back().is_table()) found.back().fail_kind("a table");
+  }
+  return found;
+}
+
 std::optional<double> TomlValue::plain_number(std::size_t index) const {
   const toml::node* node = as_node(node_)->as_array()->get(index);
   if (node->is_integer()) return static_cast<double>(node->as_integer()->get());

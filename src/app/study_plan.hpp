@@ -1,0 +1,42 @@
+#pragma once
+
+#include <mpi.h>
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/command_line.hpp"
+
+namespace sweepvi::app {
+
+/// Solver options to be compared with others.
+struct Setting {
+  std::string name;
+  std::string options;  ///< as on a command line
+};
+
+/// One of the runs of a study.
+struct StudyRun {
+  std::string scheme;
+  double step = 0.0;  ///< as asked for [s]
+  std::optional<double> tolerance;  ///< of hybrid; none: the scene's
+  Setting setting;
+};
+
+/// What is run, in order: schemes, in each of them settings, in each of them steps or tolerances.
+struct StudyPlan {
+  std::string scheme;      ///< the scene's own
+  double finest = 0.0;     ///< of the steps [s]
+  bool several_settings = false;
+  std::vector<StudyRun> runs;
+};
+
+/// `line` as it would be for one of the runs alone.
+CommandLine line_of(const CommandLine& line, const StudyRun& run);
+
+/// @throws Error (bad_input) on every rank: a scene or settings that cannot be read, tolerances without hybrid
+/// @note Collective.
+StudyPlan make_plan(MPI_Comm comm, const CommandLine& line);
+
+}  // namespace sweepvi::app
