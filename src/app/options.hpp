@@ -18,8 +18,8 @@ void insert_scene_options(const CommandLine& line, const std::string& options, b
 /// Options, and whether anybody read them.
 using OptionsRead = std::map<std::string, bool>;
 
-/// An options database of its own for as long as this lives. It begins as a copy of the one before it; what is
-/// put into it leaves no trace there.
+/// An options database of its own for as long as this lives. It begins as a copy of the one before it; what
+/// is put into it leaves no trace there.
 class OptionsScope {
 public:
   /// @param read  gets this scope's options when it ends
@@ -37,8 +37,8 @@ private:
   PetscOptions options_ = nullptr;
 };
 
-/// After the last scope: options that were read in one of them count as read, and those that were not count as
-/// given.
+/// After the last scope: options that were read in one of them count as read, and those that were not count
+/// as given.
 void give_back(const OptionsRead& read);
 
 /// Options of the database that nobody read; reported on standard error by rank 0, with the

@@ -39,8 +39,9 @@ Recorded ReadyRun::outline() const {
   // Its rows are gathered from all ranks once it is done.
   require_memory(comm_, 3.0 * 8.0 * entries, line_.scene + ": the rows of a run take");
   if (entries > static_cast<double>(std::numeric_limits<int>::max()))
-    throw InputError(line_.scene + ": a run has more numbers than can be gathered at once; choose fewer "
-                                   "--components or a larger step");
+    throw InputError(line_.scene +
+                     ": a run has more numbers than can be gathered at once; choose fewer "
+                     "--components or a larger step");
   outline.row(scene_.time.start);
   outline.row(scene_.time.end);
   return outline.take(line_.scene);

@@ -130,9 +130,8 @@ void Study::find_reference() {
     step = plan_.finest / reference_refinement;
   }
   if (!refer_to({plan_.scheme, *step, {}, ours}, plan_.scheme))
-    throw Error(ExitCode::unsolved,
-                fmt::format("there is no reference: {} with h = {:g} s failed: {}{}", plan_.scheme, *step,
-                            failure_, instead));
+    throw Error(ExitCode::unsolved, fmt::format("there is no reference: {} with h = {:g} s failed: {}{}",
+                                                plan_.scheme, *step, failure_, instead));
   reference_name_ += instead;
 }
 

@@ -38,6 +38,16 @@ std::vector<Setting> read_settings(MPI_Comm comm, const std::string& path) {
   return settings;
 }
 
+void check_names(const std::vector<std::string>& schemes) {
+  std::vector<std::string> known;
+  for (const Scheme scheme : {Scheme::homsp, Scheme::zd_euler, Scheme::naive_euler, Scheme::catching_up,
+                              Scheme::moreau_jean, Scheme::zhuravlev_ivanov, Scheme::hybrid})
+    known.emplace_back(name_of(scheme));
+  for (const std::string& name : schemes)
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw InputError(fmt::format("--schemes: there is no scheme '{}'{}", name, suggestion(name, known)));
+}
+
 }  // namespace
 
 CommandLine line_of(const CommandLine& line, const StudyRun& run) {
@@ -53,6 +63,7 @@ CommandLine line_of(const CommandLine& line, const StudyRun& run) {
 
 StudyPlan make_plan(MPI_Comm comm, const CommandLine& line) {
   const std::string hybrid = name_of(Scheme::hybrid);
+  check_names(line.schemes);
   CommandLine own = line;
   if (!line.steps.empty()) replace(own.overrides, "time.step", fmt::format("{}", line.steps.front()));
   const Scene scene = read_scene(comm, line.scene, own.overrides);
@@ -60,12 +71,11 @@ StudyPlan make_plan(MPI_Comm comm, const CommandLine& line) {
   plan.scheme = name_of(scene.time.scheme);
   const std::vector<double> steps = line.steps.empty() ? std::vector{scene.time.step} : line.steps;
   plan.finest = *std::min_element(steps.begin(), steps.end());
-  const std::vector<std::string> schemes =
-      line.schemes.empty() ? std::vector{plan.scheme} : line.schemes;
+  const std::vector<std::string> schemes = line.schemes.empty() ? std::vector{plan.scheme} : line.schemes;
   const auto hybrids = std::count(schemes.begin(), schemes.end(), hybrid);
   if (!line.tolerances.empty() && hybrids == 0)
     throw InputError("--tolerances goes with the scheme hybrid; add it to --schemes");
-  if (line.steps.empty() && hybrids < std::ssize(schemes))
+  if (line.steps.empty() && !line.tolerances.empty() && hybrids < std::ssize(schemes))
     throw InputError("--tolerances alone goes with hybrid alone; the other schemes need --steps");
   const std::vector<Setting> settings =
       line.settings ? read_settings(comm, *line.settings) : std::vector<Setting>{{"default", ""}};

@@ -19,15 +19,15 @@ struct Setting {
 /// One of the runs of a study.
 struct StudyRun {
   std::string scheme;
-  double step = 0.0;  ///< as asked for [s]
+  double step = 0.0;                ///< as asked for [s]
   std::optional<double> tolerance;  ///< of hybrid; none: the scene's
   Setting setting;
 };
 
 /// What is run, in order: schemes, in each of them settings, in each of them steps or tolerances.
 struct StudyPlan {
-  std::string scheme;      ///< the scene's own
-  double finest = 0.0;     ///< of the steps [s]
+  std::string scheme;   ///< the scene's own
+  double finest = 0.0;  ///< of the steps [s]
   bool several_settings = false;
   std::vector<StudyRun> runs;
 };
@@ -35,7 +35,8 @@ struct StudyPlan {
 /// `line` as it would be for one of the runs alone.
 CommandLine line_of(const CommandLine& line, const StudyRun& run);
 
-/// @throws Error (bad_input) on every rank: a scene or settings that cannot be read, tolerances without hybrid
+/// @throws Error (bad_input) on every rank: a scene or settings that cannot be read, tolerances without
+/// hybrid
 /// @note Collective.
 StudyPlan make_plan(MPI_Comm comm, const CommandLine& line);
 

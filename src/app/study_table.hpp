@@ -12,10 +12,10 @@ namespace sweepvi::app {
 /// A run of a study and what came of it.
 struct StudyRow {
   StudyRun run;
-  double h = 0.0;                   ///< of the run [s]
-  std::optional<double> tolerance;  ///< of hybrid
-  std::string failure;              ///< why all below is missing; empty: it was done
-  Comparison found;                 ///< against the reference
+  double h = 0.0;                                      ///< of the run [s]
+  std::optional<double> tolerance;                     ///< of hybrid
+  std::string failure;                                 ///< why all below is missing; empty: it was done
+  Comparison found;                                    ///< against the reference
   std::optional<double> final_order, hausdorff_order;  ///< from the row before to this one
   double seconds = 0.0, seconds_min = 0.0, seconds_max = 0.0;  ///< of stepping; median over the repeats
   double matmults_per_step = 0.0;

@@ -69,7 +69,7 @@ public:
   std::vector<Signal> signals_or_infinity() const;  ///< the same; infinite numbers are welcome
   SparseEntries matrix() const;                     ///< an array of rows, or a file; zeros are left out
 
-  std::vector<TomlValue> tables() const;            ///< an array of tables, [[name]]
+  std::vector<TomlValue> tables() const;  ///< an array of tables, [[name]]
 
   /// Every value at or below this one, as dotted key and text, in one form whatever way it is written. Of
   /// arrays longer than a line and of files that strings name: a checksum.

@@ -58,6 +58,21 @@ TEST(CommandLine, TakesTwoFilesToCompare) {
   EXPECT_EQ(help.help_topic, Verb::compare);
 }
 
+TEST(CommandLine, TakesListsToStudy) {
+  const CommandLine line = parse_command_line(
+      {"study", "a.toml", "--steps", "1e-1,.05", "--schemes=homsp,hybrid", "--tolerances", "1e-3,1e-6",
+       "--repeats", "5", "--settings", "s.toml", "--reference=1e-4", "--csv", "o.csv", "-snes_type", "x"});
+  EXPECT_EQ(line.verb, Verb::study);
+  EXPECT_EQ(line.steps, (std::vector<double>{0.1, 0.05}));
+  EXPECT_EQ(line.schemes, (Words{"homsp", "hybrid"}));
+  EXPECT_EQ(line.tolerances, (std::vector<double>{1e-3, 1e-6}));
+  EXPECT_EQ(line.repeats, 5);
+  EXPECT_EQ(line.settings, "s.toml");
+  EXPECT_EQ(line.reference, "1e-4");
+  EXPECT_EQ(line.csv, "o.csv");
+  EXPECT_EQ(line.petsc_words, (Words{"-snes_type", "x"}));
+}
+
 TEST(CommandLine, FoldsTimesOfPetscIntoOverrides) {
   const CommandLine line = parse_command_line(
       {"run", "a.toml", "-ts_dt", ".5", "-ts_max_time", "3", "-ts_theta_theta", "1", "-ts_type", "sweepvi"});
@@ -93,7 +108,25 @@ TEST(CommandLine, ComplainsAboutWhatItCannotUse) {
       {{"rnu", "a.toml"}, "unknown verb 'rnu'; did you mean 'run'?"},
       {{"a.toml"}, "did you mean 'sweepvi run a.toml'?"},
       {{"-log_view", "run"}, "'-log_view' comes before the verb"},
-      {{"study", "a.toml"}, "'study' is not built yet"},
+      {{"study"}, "'study' needs a SCENE.toml directly after it"},
+      {{"study", "a.toml"}, "'study' needs steps to run with: --steps"},
+      {{"study", "a.toml", "--steps", "1e-1,x"}, "--steps 1e-1,x: expected numbers above 0"},
+      {{"study", "a.toml", "--steps", "1e-1,"}, "--steps 1e-1,: expected numbers above 0"},
+      {{"study", "a.toml", "--steps=0"}, "--steps 0: expected numbers above 0"},
+      {{"study", "a.toml", "--steps=1,2,1.0"}, "--steps 1,2,1.0: 1 is there twice"},
+      {{"study", "a.toml", "--steps=1", "--steps=2"}, "--steps 2 contradicts an earlier --steps"},
+      {{"study", "a.toml", "--tolerances", "inf"}, "--tolerances inf: expected numbers above 0"},
+      {{"study", "a.toml", "--steps=1", "--schemes", "homsp,homsp"}, "homsp is there twice"},
+      {{"study", "a.toml", "--steps=1", "--repeats", "1.5"}, "--repeats 1.5: expected a whole number"},
+      {{"study", "a.toml", "--steps=1", "--repeats=2", "--repeats=3"}, "contradict each other"},
+      {{"study", "a.toml", "--steps=1", "--set", "time.step=2"}, "--set time.step=2 contradicts --steps"},
+      {{"study", "a.toml", "--steps=1", "-ts_dt", "2"}, "-ts_dt 2 contradicts --steps"},
+      {{"study", "a.toml", "--steps=1", "--schemes=homsp", "--set=time.scheme=hybrid"},
+       "contradicts --schemes"},
+      {{"study", "a.toml", "--steps=1", "--tolerances=1", "--set=time.tolerance=2"},
+       "contradicts --tolerances"},
+      {{"study", "a.toml", "--steps=1", "-o", "a.h5"}, "'study' does not take -o"},
+      {{"run", "a.toml", "--steps=1"}, "'run' does not take --steps"},
       {{"bench", "a.toml"}, "'bench' is not built yet"},
       {{"help", "bench"}, "'bench' is not built yet"},
       {{"run"}, "'run' needs a SCENE.toml directly after it"},
@@ -172,7 +205,7 @@ TEST(CommandLine, SameAnswerTwiceIsNoContradiction) {
 TEST(HelpText, NamesWhatTheParserTakesAndNothingElse) {
   const std::string general = help_text(std::nullopt);
   for (const char* fragment : {"run SCENE.toml", "check SCENE.toml", "solve PROBLEM.toml", "Exit codes",
-                               "-sweepvi_", "Not built yet: study, bench"})
+                               "-sweepvi_", "study SCENE.toml", "Not built yet: bench"})
     EXPECT_NE(general.find(fragment), std::string::npos) << fragment;
   struct Case {
     Verb verb;
@@ -187,6 +220,10 @@ TEST(HelpText, NamesWhatTheParserTakesAndNothingElse) {
       {Verb::compare,
        {"--components 0,1", "--tolerance X", "--summary FILE"},
        {"-o FILE", "--set ", "--force"}},
+      {Verb::study,
+       {"--steps 1e-1", "--schemes a,b", "--tolerances", "--settings FILE", "--reference FILE", "--repeats K",
+        "--csv FILE", "--summary FILE", "--components 0,1", "--set "},
+       {"-o FILE", "--force"}},
       {Verb::info, {"versions"}, {"-o FILE", "--set "}}};
   for (const Case& c : cases) {
     const std::string text = help_text(c.verb);

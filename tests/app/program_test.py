@@ -143,6 +143,7 @@ class Texts(InFolder):
     def test_help_on_a_verb(self):
         words = {"run": "-o --set --summary --force -ts_dt", "check": "--set", "solve": "-o --summary --force"}
         words["compare"] = "--components --tolerance --summary"
+        words["study"] = "--steps --schemes --tolerances --settings --reference --repeats --csv --summary --components"
         for verb, options in words.items():
             with self.subTest(verb):
                 text = self.sweepvi("help", verb).out

@@ -31,6 +31,8 @@ def examples():
     """Every run that a scene's header names, in order."""
     found = []
     for path in sorted(EXAMPLES.rglob("*.toml")):
+        if path.parent.name == "studies":  # solver settings, no scenes
+            continue
         name = str(path.relative_to(program.SOURCE))
         head = []
         for line in path.read_text().splitlines():
