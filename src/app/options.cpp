@@ -100,6 +100,7 @@ std::vector<std::string> unread_options() {
   char** values = nullptr;
   check(PetscOptionsLeftGet(nullptr, &count, &names, &values));
   std::vector<std::string> unread;
+  unread.reserve(static_cast<std::size_t>(count));
   for (PetscInt i = 0; i < count; ++i)
     unread.push_back(std::string("-") + names[i]);
   check(PetscOptionsLeftRestore(nullptr, &count, &names, &values));
