@@ -143,9 +143,6 @@ void read_document(const TomlValue& document, bool root, Scene& scene) {
   scene.title = title.string_or("");
   const std::string kind =
       model["kind"].choice({"linear", "lagrangian", "sweeping", "zhuravlev-ivanov", "chain"}, false);
-  // What the contract names for later, so that it is not mistaken for a slip.
-  const std::vector<std::string> planned =
-      kind == "sweeping" ? std::vector<std::string>{"hybrid"} : std::vector<std::string>{};
   scene.time = read_time(time, schemes_of(kind, model));
   if (kind == "linear") {
     scene.model = read_linear(model, root);
