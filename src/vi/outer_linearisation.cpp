@@ -54,7 +54,8 @@ OuterLinearisation::Affine OuterLinearisation::advance(Vec u, Vec lower, Vec upp
     const AffineBoxSolution solution =
         method == AffineMethod::lemke ? solve_affine_box(affine) : search_affine_box(affine);
     if (solution.solved) next.assign(solution.u.begin(), solution.u.end());
-    flags = {solution.ray ? 1 : 0, affine.M == last_ ? 1 : 0};
+    const bool same = last_.rows() == affine.M.rows() && affine.M == last_;
+    flags = {solution.ray ? 1 : 0, same ? 1 : 0};
     last_ = std::move(affine.M);
   }
   broadcast(comm, next);
