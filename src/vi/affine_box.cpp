@@ -131,11 +131,11 @@ private:
     VectorXd r = q(bounded_);
     if (!open_.empty()) {
       const Eigen::FullPivLU<MatrixXd> factor(box.M(open_, open_));
-      if (factor.isInvertible()) {
+      if (factor.isInvertible() && !bounded_.empty()) {
         const MatrixXd rows = box.M(bounded_, open_);
         S -= rows * factor.solve(box.M(open_, bounded_).eval());
         r -= rows * factor.solve(q(open_).eval());
-      } else {
+      } else if (!factor.isInvertible()) {
         bounded_.insert(bounded_.end(), open_.begin(), open_.end());
         open_.clear();
         S = box.M(bounded_, bounded_);
