@@ -51,9 +51,11 @@ public:
     const ChainSpec chain = take_chain(scene);
     options_ = options_of(scene, chain);
     const auto* one = std::get_if<ImpactSpec>(&scene.model);
-    if (scene.time.scheme == Scheme::hybrid && (options_.regulator || (one != nullptr && one->reference)))
+    if (scene.time.scheme == Scheme::hybrid &&
+        (options_.regulator || options_.resample || (one != nullptr && one->reference)))
       throw InputError(
-          "the scheme hybrid takes no regulator or reference: its controller acts once in each step. Use "
+          "the scheme hybrid takes no regulator, reference or resample: a controller acts once in each step. "
+          "Use "
           "zhuravlev-ivanov");
     const PerElement<double>& kappa = chain.keys[*chain.element->kappa];
     kappa_ = bounds_of(kappa.values);

@@ -158,17 +158,20 @@ bool Hybrid::end_flights() {
   return any;
 }
 
+// To the interval's report; of a step that failed it is that step's alone.
+bool Hybrid::add(const StepReport& report) {
+  report_.iterations += report.iterations;
+  report_.attempts += report.attempts;
+  report_.residual = std::max(report_.residual, report.residual);
+  if (!report.certified) report_ = report;
+  return report.certified;
+}
+
 // One step of length 0.
 bool Hybrid::jump(const Step& now) {
   if (std::exchange(h_, 0.0) != 0.0) process_.dvi().set_step(0.0);
   const StepReport report = process_.reset(*solver_, now);
-  report_.iterations += report.iterations;
-  report_.attempts += report.attempts;
-  report_.residual = std::max(report_.residual, report.residual);
-  if (!report.certified) {
-    report_ = report;
-    return false;
-  }
+  if (!add(report)) return false;
   ++counts_.resets;
   (*part_)(now);
   process_.read(t_, x_.get(), z_);
@@ -250,13 +253,7 @@ bool Hybrid::time_step(const Step& interval, double h, bool until_rest) {
 
 bool Hybrid::take(const Step& step, bool last) {
   const StepReport report = solver_->solve(step);
-  report_.iterations += report.iterations;
-  report_.attempts += report.attempts;
-  report_.residual = std::max(report_.residual, report.residual);
-  if (!report.certified) {
-    report_ = report;
-    return false;
-  }
+  if (!add(report)) return false;
   process_.dvi().accept(solver_->solution(), solver_->residual());
   // The last step of an interval is told by its caller, unless we write its state.
   if (flow_ || !last) (*part_)(step);

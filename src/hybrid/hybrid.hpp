@@ -31,6 +31,7 @@ public:
 private:
   bool heads_out() const;
   bool end_flights();
+  bool add(const StepReport& report);
   bool jump(const Step& now);
   void tell_changes(const Step& now, const std::vector<Side>& before, bool jumped);
   double accumulating() const;
