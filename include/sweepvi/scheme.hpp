@@ -25,4 +25,7 @@ enum class Detection {
 const char* name_of(Scheme scheme);
 const char* name_of(Detection detection);
 
+/// @throws Error (bad_input) unless 0 < weight <= 1: of t_{k+1}, in theta and gamma schemes
+void require_weight(const char* name, double weight);
+
 }  // namespace sweepvi

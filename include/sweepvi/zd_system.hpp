@@ -70,10 +70,12 @@ private:
   std::unique_ptr<FiniteDifferences> differences_;
 };
 
-/// Discretises `system` by HOMSP on `grid`: F = J^{-1} [u - u_k - h f(t_{k+1}, u)], box on z, J the jumps
-/// that measures cause. x() is u. `system` must outlive the result.
-/// @throws Error (bad_input) on every rank if levels or pattern make no sense, or m_a <= 0 at the start
+/// Discretises `system` by HOMSP on `grid`: F = J^{-1} [u - u_k - h theta f(t_{k+1}, u) - h (1-theta) f(t_k,
+/// u_k)], box on z, J the jumps that measures cause. x() is u. `system` must outlive the result.
+/// @param theta  as for make_linear_dvi
+/// @throws Error (bad_input) on every rank if levels or pattern make no sense, m_a <= 0 at the start, or
+/// theta is outside (0, 1]
 /// @note Collective.
-std::unique_ptr<ConstrainedDvi> make_zd_dvi(const ZdSystem& system, const TimeGrid& grid);
+std::unique_ptr<ConstrainedDvi> make_zd_dvi(const ZdSystem& system, const TimeGrid& grid, double theta = 1.0);
 
 }  // namespace sweepvi

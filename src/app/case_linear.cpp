@@ -72,13 +72,14 @@ class LinearCase final : public Case {
 public:
   LinearCase(MPI_Comm comm, Scene& scene)
       : scheme_(scene.time.scheme == Scheme::hybrid ? Scheme::homsp : scene.time.scheme),
+        theta_(scene.time.theta),
         system_(make_linear_system(comm, scene)) {
     merge_opposite_constraints(system_);
     degree_ = analyse_relative_degree(system_);
     markov_ = check_markov_matrix(system_, degree_);
     distribute(system_, degree_);
     form_ = choose_form(system_, degree_, scheme_);
-    dvi_ = make_linear_dvi(system_, degree_, scheme_, form_, scene.time.grid());
+    dvi_ = make_linear_dvi(system_, degree_, scheme_, form_, scene.time.grid(), theta_);
     if (scene.time.scheme == Scheme::hybrid) hybrid_ = make_hybrid(*dvi_, system_, degree_);
   }
 
@@ -103,6 +104,7 @@ private:
   std::string form_line() const;
 
   Scheme scheme_;
+  double theta_;
   LinearSystem system_;
   RelativeDegree degree_;
   MarkovReport markov_;
@@ -155,6 +157,9 @@ Lines LinearCase::report(std::int64_t unknowns) const {
                         zero.largest_real_part,
                         zero.largest_real_part > 1e-9 ? " (unstable: non-minimum phase)" : ""));
   lines.emplace_back("form", form_line());
+  if (scheme_ == Scheme::homsp)
+    lines.emplace_back("time stepping",
+                       fmt::format("theta = {} for states, measures at the end of a step", theta_));
   lines.emplace_back(
       "unknowns", fmt::format("{} ({} states{})", unknowns, n,
                               form_ == Form::box_on_z ? "" : fmt::format(" + {} multipliers", unknowns - n)));

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "dvi/residue.hpp"
 #include "petsc/sparse.hpp"
@@ -17,12 +18,14 @@ void absolute_values(Vec from, Vec to) {
 
 }  // namespace
 
-BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h)
+BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h,
+               double theta)
     : OutputBox(system.comm(), h),
       system_(system),
       relative_degree_(relative_degree),
       forcing_(system, relative_degree),
-      coordinates_(system, relative_degree) {
+      coordinates_(system, relative_degree),
+      theta_(theta) {
   levels_.allocate(relative_degree.degree, relative_degree.highest, system.wmax.get());
   two_sided_ = static_cast<bool>(system.wmax);
   set_places(coordinates_.positions());
@@ -32,7 +35,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   for (Vector* vector : {&g_outputs_old_, &defect_})
     *vector = duplicate(g_outputs_.get());
 
-  plain_K_ = implicit_euler(coordinates_.companion().get(), h);
+  make_rates();
   jumps_ = coordinates_.jumps();
   if (jumps_) {
     inverse_jumps_ = coordinates_.inverse_jumps(jumps_.get());
@@ -52,14 +55,28 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   start_from(u_.get());
 }
 
+// What depends on h_ and theta_ alone.
+void BoxOnZ::make_rates() {
+  Matrix R = coordinates_.companion();
+  plain_K_ = implicit_euler(R.get(), h_ * theta_);
+  if (theta_ == 1.0) return;
+  check(MatScale(R.get(), h_ * (1.0 - theta_)));
+  abs_old_rates_ = absolute_copy(R.get());
+  old_rates_ = std::move(R);
+}
+
 bool BoxOnZ::set_step(double h) {
-  Matrix plain = implicit_euler(coordinates_.companion().get(), h);
-  const Matrix K = jumps_ ? multiply_clean(inverse_jumps_.get(), plain.get()) : Matrix::share(plain.get());
-  if (!replace_values(K_.get(), K.get())) return false;
-  plain_K_ = std::move(plain);
+  const double before = std::exchange(h_, h);
+  make_rates();
+  const Matrix K =
+      jumps_ ? multiply_clean(inverse_jumps_.get(), plain_K_.get()) : Matrix::share(plain_K_.get());
+  if (!replace_values(K_.get(), K.get())) {
+    h_ = before;
+    make_rates();
+    return false;
+  }
   abs_K_ = absolute_copy(K_.get());
   reading_ = absolute_up_to(K_.get(), 1.0);
-  h_ = h;
   has_c_ = false;
   ++version_;
   return true;
@@ -80,8 +97,8 @@ Matrix BoxOnZ::create_jacobian() const {
   return jacobian;
 }
 
-// c = (I - h W A W^{-1}) g_{k+1} - g_k + W phi, where phi is h f_{k+1}, completed so that c = 0 below level
-// r.
+// c = (I - h theta R) g_{k+1} - (I + h (1-theta) R) g_k + W phi, where phi is h f_theta, completed so that
+// c = 0 below level r.
 void BoxOnZ::find_c(const Step& step) {
   if (has_c_ && !forcing_.varies()) return;
   has_c_ = true;
@@ -89,10 +106,15 @@ void BoxOnZ::find_c(const Step& step) {
   check(VecCopy(g_outputs_.get(), g_outputs_old_.get()));
   place_forcing(step.t_new, g_.get());
   check(VecSet(work_.get(), 0.0));
-  system_.f.add_to(work_.get(), step.t_new, 0, step.h);
+  system_.f.add_to(work_.get(), step.t_new, 0, step.h * theta_);
+  if (old_rates_) system_.f.add_to(work_.get(), step.t_old, 0, step.h * (1.0 - theta_));
   coordinates_.to_u(work_.get(), c_.get());
   check(MatMultAdd(plain_K_.get(), g_.get(), c_.get(), c_.get()));
   check(VecAXPY(c_.get(), -1.0, g_old_.get()));
+  if (old_rates_) {
+    check(MatMult(old_rates_.get(), g_old_.get(), work_.get()));
+    check(VecAXPY(c_.get(), -1.0, work_.get()));
+  }
   if (jumps_ && forcing_.varies() && relative_degree_.highest > 2) add_completion(step);
   const WriteArray c(c_.get());
   for (std::size_t a = 0; a < levels_.constraints(); ++a)
@@ -102,7 +124,7 @@ void BoxOnZ::find_c(const Step& step) {
 
 // What the completion along d_{a,i}, i < r, does to levels r of other constraints and to other states.
 void BoxOnZ::add_completion(const Step& step) {
-  forcing_.increment_defect(step, g_outputs_old_.get(), g_outputs_.get(), defect_.get());
+  forcing_.increment_defect(step, theta_, g_outputs_old_.get(), g_outputs_.get(), defect_.get());
   const auto keep_lower_levels = [this](Vec values) {
     const WriteArray entries(values);
     for (PetscInt place = 0; place < entries.size(); ++place)
@@ -132,6 +154,11 @@ void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
     const WriteArray terms(rhs_terms_.get());
     for (PetscInt i = 0; i < u.size(); ++i)
       terms[i] = std::abs(u[i]) + std::abs(c[i]);
+  }
+  if (old_rates_) {
+    check(MatMultAdd(old_rates_.get(), u_.get(), rhs_.get(), rhs_.get()));
+    absolute_values(u_.get(), work_.get());
+    check(MatMultAdd(abs_old_rates_.get(), work_.get(), rhs_terms_.get(), rhs_terms_.get()));
   }
   if (jumps_) {
     check(MatMult(inverse_jumps_.get(), rhs_.get(), work_.get()));

@@ -11,14 +11,15 @@ namespace sweepvi {
 
 /// HOMSP in coordinates u = W x + g(t), where the outputs z_{a,i} are unknowns (OutputCoordinates):
 ///
-///     F(u) = J^{-1} [ (I - h W A W^{-1}) u - u_k - c ],
+///     F(u) = J^{-1} [ (I - h theta R) u - (I + h (1-theta) R) u_k - c ],      R = W A W^{-1},
 ///
 /// J the jumps that measures cause, c the forcing, 0 on the rows of levels i < r, where AB (32) holds
-/// exactly. F on level r reads M_aa mu_{a,r}. Source: AB (34)-(45).
+/// exactly. F on level r reads M_aa mu_{a,r}. Source: AB (34)-(45), there with theta = 1.
 class BoxOnZ final : public OutputBox {
 public:
   /// @pre  relative_degree.has_pivots, each pivot on the rank of its constraint
-  BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h);
+  BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h,
+         double theta);
 
   Matrix create_jacobian() const override;
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
@@ -35,13 +36,16 @@ private:
   PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
   void place_forcing(double t, Vec g_x);
   void find_c(const Step& step);
+  void make_rates();
   void add_completion(const Step& step);
 
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   OutputForcing forcing_;
   OutputCoordinates coordinates_;
-  Matrix plain_K_;                                 // I - h W A W^{-1}
+  double theta_;                                   // weight of t_{k+1}
+  Matrix plain_K_;                                 // I - h theta R
+  Matrix old_rates_, abs_old_rates_;               // h (1-theta) R; empty: theta = 1
   Matrix jumps_, inverse_jumps_, abs_inverse_;     // J, J^{-1}, its absolute values; empty: identity
   Matrix K_, abs_K_;                               // J^{-1} plain_K_ and its absolute values
   Matrix reading_;                                 // |K| up to 1

@@ -42,9 +42,13 @@ Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degr
 
 std::unique_ptr<ConstrainedDvi> make_linear_dvi(const LinearSystem& system,
                                                 const RelativeDegree& relative_degree, Scheme scheme,
-                                                Form form, const TimeGrid& grid) {
-  if (form == Form::box_on_z) return std::make_unique<BoxOnZ>(system, relative_degree, grid.start, grid.h());
-  return std::make_unique<PrimalDual>(system, relative_degree, scheme, grid.start, grid.h());
+                                                Form form, const TimeGrid& grid, double theta) {
+  require_weight("theta of homsp", theta);
+  if (theta != 1.0 && scheme != Scheme::homsp)
+    throw InputError(std::string("theta < 1 goes with the scheme homsp, not with ") + name_of(scheme));
+  if (form == Form::box_on_z)
+    return std::make_unique<BoxOnZ>(system, relative_degree, grid.start, grid.h(), theta);
+  return std::make_unique<PrimalDual>(system, relative_degree, scheme, grid.start, grid.h(), theta);
 }
 
 }  // namespace sweepvi

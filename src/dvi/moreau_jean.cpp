@@ -1,10 +1,9 @@
 #include "dvi/moreau_jean.hpp"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 
 #include "petsc/sparse.hpp"
+#include "sweepvi/scheme.hpp"
 
 namespace sweepvi {
 
@@ -16,8 +15,7 @@ Energy summed(MPI_Comm comm, const Energy& mine) {
 
 MoreauJean::MoreauJean(MPI_Comm comm, const MoreauJeanOptions& options, double h, Vec q0, Vec v0)
     : comm_(comm), h_(h), theta_(options.theta), detection_(options.detection) {
-  if (!(theta_ > 0.0 && theta_ <= 1.0))
-    throw InputError(fmt::format("theta of moreau-jean is {}; expected more than 0 and at most 1", theta_));
+  require_weight("theta of moreau-jean", theta_);
   for (Vector* vector : {&q_, &v_, &dq_, &dv_})
     *vector = duplicate(q0);
   check(VecCopy(q0, q_.get()));

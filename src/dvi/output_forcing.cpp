@@ -49,9 +49,10 @@ void OutputForcing::remaining_rate(double t, int order, Vec rate) {
   }
 }
 
-void OutputForcing::increment_defect(const Step& step, Vec g_old, Vec g_new, Vec defect) {
+void OutputForcing::increment_defect(const Step& step, double theta, Vec g_old, Vec g_new, Vec defect) {
   check(VecSet(f_.get(), 0.0));
-  system_.f.add_to(f_.get(), step.t_new, 0, 1.0);
+  system_.f.add_to(f_.get(), step.t_new, 0, theta);
+  if (theta != 1.0) system_.f.add_to(f_.get(), step.t_old, 0, 1.0 - theta);
   check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
   const ReadArray image(image_.get());
   const ReadArray before(g_old);
@@ -61,7 +62,12 @@ void OutputForcing::increment_defect(const Step& step, Vec g_old, Vec g_new, Vec
   for (std::size_t a = 0; a < relative_degree_.degree.size(); ++a) {
     for (PetscInt q = first[a]; q < first[a + 1]; ++q) {
       const bool last_level = q + 1 == first[a + 1];
-      values[q] = last_level ? 0.0 : step.h * (after[q + 1] - image[q]) - (after[q] - before[q]);
+      if (last_level) {
+        values[q] = 0.0;
+        continue;
+      }
+      const double next = theta * after[q + 1] + (1.0 - theta) * before[q + 1];
+      values[q] = step.h * (next - image[q]) - (after[q] - before[q]);
     }
   }
 }

@@ -17,9 +17,9 @@ public:
   /// g(t), laid out like the rows of Z. @note Collective.
   void evaluate(double t, Vec g);
 
-  /// e_{a,i} = h g_{a,i}'(t_new) - (g_{a,i}(t_new) - g_{a,i}(t_old)) for i < r, 0 on level r: what the
-  /// increment h f lacks for AB (32) to hold exactly. @note Collective.
-  void increment_defect(const Step& step, Vec g_old, Vec g_new, Vec defect);
+  /// e_{a,i} = h g_{a,i}'_theta - (g_{a,i}(t_new) - g_{a,i}(t_old)) for i < r, 0 on level r: what the
+  /// increment h f_theta lacks for AB (32) to hold exactly. @note Collective.
+  void increment_defect(const Step& step, double theta, Vec g_old, Vec g_new, Vec defect);
 
   /// sum_{p=1}^{i-1} (Z f^(p+order))_{a,i-p}: with (Z (A x + f)) it is the derivative of an output, at t, of
   /// its own `order`-th derivative. @note Collective.

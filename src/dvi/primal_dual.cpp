@@ -18,11 +18,12 @@ struct PrimalDual::Blocks {
 };
 
 PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme,
-                       double t_start, double h)
+                       double t_start, double h, double theta)
     : LevelDvi(system.comm(), h),
       system_(system),
       relative_degree_(relative_degree),
       scheme_(scheme),
+      theta_(theta),
       with_levels_(scheme == Scheme::homsp && relative_degree.highest > 1),
       has_outputs_(scheme == Scheme::homsp && relative_degree.lowest > 0),
       completes_(scheme != Scheme::naive_euler && system.f.varies && relative_degree.highest > 2),
@@ -48,6 +49,7 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   const Blocks blocks = make_blocks();
   check(MatCreateVecs(system.A.get(), x_.put(), phi_.put()));
   shift_ = duplicate(phi_.get());
+  if (theta != 1.0) abs_A_ = absolute_copy(system.A.get());
   push_ = duplicate(phi_.get());
   check(MatCreateVecs(blocks.E.get(), g_.put(), nullptr));
   nu_ = duplicate(g_.get());
@@ -158,7 +160,7 @@ void PrimalDual::assemble(const Blocks& blocks) {
   for (PetscInt i = states.first; i < states.last; ++i) {
     rows.add(number.x(i), 1.0);
     for (const auto& [column, value] : get_row(system_.A.get(), i))
-      rows.add(number.x(column), -h_ * value);
+      rows.add(number.x(column), -h_ * theta_ * value);
     for (const auto& [column, value] : get_row(blocks.E.get(), i))
       rows.add(number.nu(column), -value);
     rows.end_row();
@@ -254,14 +256,28 @@ void PrimalDual::find_increment(const Step& step) {
   if (has_increment_ && !system_.f.varies) return;
   has_increment_ = true;
   check(VecSet(phi_.get(), 0.0));
-  system_.f.add_to(phi_.get(), step.t_new, 0, step.h);
+  system_.f.add_to(phi_.get(), step.t_new, 0, step.h * theta_);
+  if (abs_A_) system_.f.add_to(phi_.get(), step.t_old, 0, step.h * (1.0 - theta_));
   evaluate_g(step.t_new, g_.get());
   if (!completes_) return;
   forcing_.evaluate(step.t_old, output_g_old_.get());
   forcing_.evaluate(step.t_new, output_g_new_.get());
-  forcing_.increment_defect(step, output_g_old_.get(), output_g_new_.get(), defect_.get());
+  forcing_.increment_defect(step, theta_, output_g_old_.get(), output_g_new_.get(), defect_.get());
   if (completion_solver_) check(KSPSolve(completion_solver_.get(), defect_.get(), defect_.get()));
   check(MatMultTransposeAdd(relative_degree_.directions.get(), defect_.get(), phi_.get(), phi_.get()));
+}
+
+// h (1-theta) A x_k, to the right side and to what it is summed from.
+void PrimalDual::add_old_rates() {
+  const double weight = h_ * (1.0 - theta_);
+  check(MatMult(system_.A.get(), x_.get(), shift_.get()));
+  check(VecScale(shift_.get(), weight));
+  add_states(shift_.get(), rhs_.get());
+  check(VecCopy(x_.get(), push_.get()));
+  check(VecAbs(push_.get()));
+  check(MatMult(abs_A_.get(), push_.get(), shift_.get()));
+  check(VecScale(shift_.get(), weight));
+  add_states(shift_.get(), rhs_terms_.get());
 }
 
 void PrimalDual::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
@@ -287,7 +303,11 @@ void PrimalDual::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   }
   find_increment(step);
   check(VecCopy(u_.get(), guess));
+  find_right_side(guess);
+  if (abs_A_) add_old_rates();
+}
 
+void PrimalDual::find_right_side(Vec guess) {
   const ReadArray u(u_.get());
   const ReadArray phi(phi_.get());
   const ReadArray g(g_.get());

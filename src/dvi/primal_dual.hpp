@@ -10,7 +10,7 @@ namespace sweepvi {
 
 /// Unknowns (x, nu), one multiplier per constraint and level that the scheme knows:
 ///
-///     F_x  = (I - hA) x - x_k - phi - E nu,
+///     F_x  = (I - h theta A) x - (I + h (1-theta) A) x_k - phi - E nu,
 ///     F_nu = G x + H nu + g(t_{k+1}),            0 <= nu  _|_  F_nu >= 0.
 ///
 /// | process                     | G     | E                   | H            | measure             |
@@ -23,12 +23,13 @@ namespace sweepvi {
 /// A level above r* has the row nu = 0 instead, so the pattern never changes. A constraint with an upper wall
 /// has one multiplier more, for wmax - z_1 >= 0 along -d_{a,1}; at that wall the multipliers of levels 2 ...
 /// r* are
-/// <= 0, as z_i is. phi is h f_{k+1}, for HOMSP and
+/// <= 0, as z_i is. phi is h f_theta, for HOMSP and
 /// ZD-Euler completed along d_{a,i}, i < r, so that AB (32) holds exactly for forcing that varies.
+/// theta is 1 but for HOMSP.
 class PrimalDual final : public LevelDvi {
 public:
   PrimalDual(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme, double t_start,
-             double h);
+             double h, double theta);
 
   Matrix create_jacobian() const override;
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
@@ -64,6 +65,11 @@ private:
   void find_net_multipliers(Vec u, std::vector<double>& net) const;
   void prepare_completion();
   void find_increment(const Step& step);
+  void find_right_side(Vec guess);
+  void add_old_rates();
+  double rate_of(std::size_t q, const std::vector<double>& z) const {
+    return theta_ * z[q + 1] + (1.0 - theta_) * levels_.z[q + 1];
+  }
   void evaluate(Vec u, Vec f);
   void find_output_scale(Vec u);
   void clear_multipliers(Vec u) const;
@@ -83,6 +89,7 @@ private:
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   Scheme scheme_;
+  double theta_;      // weight of t_{k+1}
   bool with_levels_;  // HOMSP with degrees >= 1: a multiplier per level; else one per constraint
   bool has_outputs_;  // HOMSP without D: the rows of G are the outputs
   bool completes_;    // phi needs completing
@@ -94,6 +101,7 @@ private:
   bool has_increment_ = false;  // constant forcing: found once
   Matrix K_, abs_K_;
   Matrix reading_;            // |K| up to 1
+  Matrix abs_A_;              // empty: theta = 1
   Matrix E_, abs_E_, abs_H_;  // H: empty without D
   Matrix cross_;              // Z D off its unit diagonal, levels below r; empty: no cross coupling
   Matrix completion_;         // I + cross_

@@ -33,8 +33,8 @@ void PrimalDual::find_output_scale(Vec u) {
 // Which outputs stand at a bound of the step, up to rounding; their values, exact where held.
 //
 // Below level r, an output that Z x + g cannot tell from its bound is known better from AB (32): where no
-// measure acts on it, z_i = z_{i,k} + h z_{i+1}. So a mass that leaves its wall slowly, far from the origin,
-// does leave.
+// measure acts on it, z_i = z_{i,k} + h z_{i+1,theta}. So a mass that leaves its wall slowly, far from the
+// origin, does leave.
 void PrimalDual::find_held(Vec u) {
   find_output_scale(u);
   evaluate(u, work_.get());
@@ -47,8 +47,9 @@ void PrimalDual::find_held(Vec u) {
       const std::size_t q = levels_.at(a, i);
       const double z = output[local_x_ + static_cast<PetscInt>(q)];
       const bool follows = i < levels_.levels(a) && crossed_[q] == 0;
-      const double expected = follows ? levels_.z[q] + h_ * settled_z_[q + 1] : 0.0;
-      fine = follows ? std::abs(levels_.z[q]) + h_ * fine : output_scale_[q];
+      const double expected = follows ? levels_.z[q] + h_ * rate_of(q, settled_z_) : 0.0;
+      fine = follows ? std::abs(levels_.z[q]) + h_ * (fine + (1.0 - theta_) * std::abs(levels_.z[q + 1]))
+                     : output_scale_[q];
       open_[q] = 0;
       const bool near = !pinned(q) && std::abs(z) <= held_rtol * output_scale_[q];
       if (near && follows && orientation(a, i) * expected > held_rtol * fine) open_[q] = 1;
@@ -171,7 +172,7 @@ void PrimalDual::recover_lower_measures(Vec u) {
   const WriteArray values(u);
   const std::vector<double>& z = settled_z_;
   const auto jump = [&](std::size_t q) {
-    return z[q] - levels_.z[q] - h_ * z[q + 1] - cross[static_cast<PetscInt>(q)];
+    return z[q] - levels_.z[q] - h_ * rate_of(q, z) - cross[static_cast<PetscInt>(q)];
   };
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
     for (int i = 1; i < levels_.levels(a) && i <= levels_.level[a]; ++i) {

@@ -1,5 +1,9 @@
 #include "sweepvi/scheme.hpp"
 
+#include <string>
+
+#include "sweepvi/error.hpp"
+
 namespace sweepvi {
 
 const char* name_of(Scheme scheme) {
@@ -32,6 +36,12 @@ const char* name_of(Detection detection) {
       return "current";
   }
   return "";
+}
+
+void require_weight(const char* name, double weight) {
+  if (!(weight > 0.0 && weight <= 1.0))
+    throw InputError(std::string(name) + " is " + std::to_string(weight) +
+                     "; expected more than 0, at most 1");
 }
 
 }  // namespace sweepvi

@@ -8,21 +8,28 @@
 #include "dvi/residue.hpp"
 #include "petsc/sparse.hpp"
 #include "sweepvi/relative_degree.hpp"
+#include "sweepvi/scheme.hpp"
 
 namespace sweepvi {
 
-ZdBox::ZdBox(const ZdSystem& system, const TimeGrid& grid) : ZdBox(system, grid, system.initial_state()) {}
+ZdBox::ZdBox(const ZdSystem& system, const TimeGrid& grid, double theta)
+    : ZdBox(system, grid, theta, system.initial_state()) {}
 
 // The communicator is that of the state, and lives as long.
-ZdBox::ZdBox(const ZdSystem& system, const TimeGrid& grid, Vector state)
+ZdBox::ZdBox(const ZdSystem& system, const TimeGrid& grid, double theta, Vector state)
     : OutputBox(PetscObjectComm(reinterpret_cast<PetscObject>(state.get())), grid.h()),
       system_(system),
       constraints_(system.constraints()),
       derivative_(system),
+      theta_(theta),
       t_new_(grid.start) {
   u_ = std::move(state);
   rates_ = duplicate(u_.get());
   work_ = duplicate(u_.get());
+  if (theta != 1.0) {
+    old_rates_ = duplicate(u_.get());
+    old_terms_ = duplicate(u_.get());
+  }
   agreed(comm(), [&] { check_levels(); });
   allocate();
   start_from(u_.get());
@@ -156,9 +163,9 @@ void ZdBox::update_jumps(Matrix A) {
   abs_inverse_ = absolute_copy(inverse_jumps_.get());
 }
 
-// J^{-1} (I - h A)
+// J^{-1} (I - h theta A)
 Matrix ZdBox::newton_matrix(Mat A) const {
-  Matrix K = implicit_euler(A, h_);
+  Matrix K = implicit_euler(A, h_ * theta_);
   return inverse_jumps_ ? multiply(inverse_jumps_.get(), K.get()) : std::move(K);
 }
 
@@ -176,6 +183,7 @@ void ZdBox::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   begin_levels(lower, upper);
   Matrix A = companion(derivative_.evaluate(t_new_, u_.get()));
   abs_A_ = absolute_copy(A.get());
+  if (old_rates_) find_old_rates(step.t_old);
   reading_ = absolute_up_to(A.get(), 1.0 / h_);
   if (coupled_) {
     if (may_impact())
@@ -204,8 +212,22 @@ bool ZdBox::may_impact() const {
   return near != 0;
 }
 
-void ZdBox::find_rates(Vec u, Vec rates) {
-  system_.rates(t_new_, u, rates);
+void ZdBox::find_old_rates(double t) {
+  const double weight = h_ * (1.0 - theta_);
+  find_rates(t, u_.get(), old_rates_.get());
+  check(VecCopy(u_.get(), work_.get()));
+  check(VecAbs(work_.get()));
+  check(MatMult(abs_A_.get(), work_.get(), old_terms_.get()));
+  const WriteArray rate(old_rates_.get());
+  const WriteArray terms(old_terms_.get());
+  for (PetscInt i = 0; i < rate.size(); ++i) {
+    rate[i] *= weight;
+    terms[i] = weight * terms[i] + std::abs(rate[i]);
+  }
+}
+
+void ZdBox::find_rates(double t, Vec u, Vec rates) {
+  system_.rates(t, u, rates);
   const ReadArray values(u);
   const WriteArray result(rates);
   for (std::size_t i = 0; i < next_.size(); ++i)
@@ -213,16 +235,17 @@ void ZdBox::find_rates(Vec u, Vec rates) {
 }
 
 void ZdBox::residual(Vec u, Vec f) {
-  find_rates(u, rates_.get());
+  find_rates(t_new_, u, rates_.get());
   Vec plain = inverse_jumps_ ? work_.get() : f;
   check(VecWAXPY(plain, -1.0, u_.get(), u));
-  check(VecAXPY(plain, -h_, rates_.get()));
+  check(VecAXPY(plain, -h_ * theta_, rates_.get()));
+  if (old_rates_) check(VecAXPY(plain, -1.0, old_rates_.get()));
   if (inverse_jumps_) check(MatMult(inverse_jumps_.get(), plain, f));
 }
 
-// |u| + |u_k| + h (|f| + |df/du| |u|): rates are sums, too, and their terms are not known otherwise.
+// |u| + |u_k| + h (|f| + |df/du| |u|)_theta: rates are sums, too, and their terms are not known otherwise.
 void ZdBox::row_terms(Vec u, Vec terms) {
-  find_rates(u, rates_.get());
+  find_rates(t_new_, u, rates_.get());
   Vec plain = inverse_jumps_ ? work_.get() : terms;
   check(VecCopy(u, plain));
   check(VecAbs(plain));
@@ -234,8 +257,9 @@ void ZdBox::row_terms(Vec u, Vec terms) {
     const ReadArray read(inner);
     const WriteArray sum(plain);
     for (PetscInt i = 0; i < sum.size(); ++i)
-      sum[i] += std::abs(old[i]) + h_ * (std::abs(rate[i]) + read[i]);
+      sum[i] += std::abs(old[i]) + h_ * theta_ * (std::abs(rate[i]) + read[i]);
   }
+  if (old_terms_) check(VecAXPY(plain, 1.0, old_terms_.get()));
   if (inverse_jumps_) check(MatMult(abs_inverse_.get(), plain, terms));
 }
 
@@ -282,8 +306,9 @@ void ZdBox::visit(StateVisitor& visitor) {
   levels_.visit(visitor);
 }
 
-std::unique_ptr<ConstrainedDvi> make_zd_dvi(const ZdSystem& system, const TimeGrid& grid) {
-  return std::make_unique<ZdBox>(system, grid);
+std::unique_ptr<ConstrainedDvi> make_zd_dvi(const ZdSystem& system, const TimeGrid& grid, double theta) {
+  require_weight("theta of homsp", theta);
+  return std::make_unique<ZdBox>(system, grid, theta);
 }
 
 }  // namespace sweepvi

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "petsc/sparse.hpp"
+#include "sweepvi/scheme.hpp"
 
 namespace sweepvi {
 
@@ -116,10 +117,8 @@ ZhuravlevIvanov::ZhuravlevIvanov(const ImpactOscillators& oscillators, const Tim
 }
 
 void ZhuravlevIvanov::check_options_and_start() const {
-  for (const auto& [name, weight] : {std::pair{"theta", options_.theta}, {"gamma", options_.gamma}})
-    if (!(weight > 0.0 && weight <= 1.0))
-      throw InputError(std::string(name) + " of impact oscillators is " + std::to_string(weight) +
-                       "; expected more than 0, at most 1");
+  require_weight("theta of impact oscillators", options_.theta);
+  require_weight("gamma of impact oscillators", options_.gamma);
   for (const double kappa : kappa_)
     if (!(kappa > 0.0 && kappa < 1.0))
       throw InputError("kappa of an impact oscillator is " + std::to_string(kappa) +

@@ -82,7 +82,8 @@ TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
   const bool bounces = time.scheme == Scheme::moreau_jean;
   const bool transforms = time.scheme == Scheme::zhuravlev_ivanov;
   // The hybrid scheme takes them for its own steps; where an impact is, it knows without detection.
-  time.theta = read_weight(theta, bounces || transforms || event_driven, "moreau-jean and zhuravlev-ivanov");
+  time.theta = read_weight(theta, time.scheme == Scheme::homsp || bounces || transforms || event_driven,
+                           "homsp, moreau-jean and zhuravlev-ivanov");
   time.gamma = read_weight(gamma, transforms, "zhuravlev-ivanov");
   time.detection = read_detection(detection, bounces || event_driven);
 

@@ -27,8 +27,8 @@ struct TimeSpec {
   double end = 0.0;         ///< [s]
   double step = 0.0;        ///< h [s], already adjusted to hit `end`
   std::int64_t steps = 0;   ///< K
-  double theta = 1.0;       ///< weight of t_{k+1} in state terms, (0, 1]; moreau-jean and zhuravlev-ivanov
-  double gamma = 1.0;       ///< the same of multipliers, (0, 1]; zhuravlev-ivanov
+  double theta = 1.0;  ///< weight of t_{k+1} in state terms, (0, 1]; homsp, moreau-jean, zhuravlev-ivanov
+  double gamma = 1.0;  ///< the same of multipliers, (0, 1]; zhuravlev-ivanov
   Detection detection = Detection::predicted;  ///< moreau-jean
   TimeGrid grid() const { return {start, end, static_cast<PetscInt>(steps)}; }
 };

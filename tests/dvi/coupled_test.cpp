@@ -142,17 +142,20 @@ void expect_contacts(const Record& run) {
 
 TEST(Coupled, DegreesOneToFourInBothForms) {
   const DenseSystem given = dense(four_degrees());
-  const Record box = simulate(given, grid, {.form = "box-on-z"});
-  const Record automatic = simulate(given, grid);
-  const Record primal_dual = simulate(given, grid, {.form = "primal-dual"});
-  EXPECT_EQ(box.degree, (std::vector<double>{1, 2, 3, 4}));
-  EXPECT_EQ(automatic.form, Form::box_on_z);
-  EXPECT_EQ(box.unknowns, states);
-  EXPECT_EQ(primal_dual.unknowns, states + 10);
-  ASSERT_TRUE(box.certified && primal_dual.certified && automatic.certified);
-  expect_contacts(box);
-  expect_same(box, primal_dual);
-  EXPECT_EQ(box.x, automatic.x);
+  for (const double theta : {1.0, 0.7, 0.5}) {
+    SCOPED_TRACE(theta);
+    const Record box = simulate(given, grid, {.form = "box-on-z", .theta = theta});
+    const Record automatic = simulate(given, grid, {.theta = theta});
+    const Record primal_dual = simulate(given, grid, {.form = "primal-dual", .theta = theta});
+    EXPECT_EQ(box.degree, (std::vector<double>{1, 2, 3, 4}));
+    EXPECT_EQ(automatic.form, Form::box_on_z);
+    EXPECT_EQ(box.unknowns, states);
+    EXPECT_EQ(primal_dual.unknowns, states + 10);
+    ASSERT_TRUE(box.certified && primal_dual.certified && automatic.certified);
+    expect_contacts(box);
+    expect_same(box, primal_dual);
+    EXPECT_EQ(box.x, automatic.x);
+  }
 }
 
 TEST(Coupled, WithoutPredictorAndWithTheOtherSolver) {

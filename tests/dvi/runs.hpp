@@ -24,6 +24,7 @@ struct How {
   std::string form = "auto";
   std::string snes_type = SNESVINEWTONRSLS;
   std::string predictor = "active-set";
+  double theta = 1.0;
 };
 
 /// What a run left, on every rank, in the order of the scene.
@@ -57,7 +58,7 @@ inline Record simulate(const DenseSystem& given, const TimeGrid& grid, const How
   distribute(system, degree);
   Record run;
   run.form = choose_form(system, degree, how.scheme);
-  const auto dvi = make_linear_dvi(system, degree, how.scheme, run.form, grid);
+  const auto dvi = make_linear_dvi(system, degree, how.scheme, run.form, grid, how.theta);
   check(VecGetSize(dvi->state(), &run.unknowns));
   run.steps = static_cast<std::size_t>(grid.steps);
   run.constraints = static_cast<std::size_t>(system.constraints());
