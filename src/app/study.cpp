@@ -117,7 +117,7 @@ bool Study::refer_to(const StudyRun& run, const std::string& name) {
 
 void Study::find_reference() {
   if (reference_) return;
-  const Setting ours{"default", ""};
+  const Setting ours{"default", "", {}, {}};
   const std::string hybrid = name_of(Scheme::hybrid);
   std::optional<double> step = line_.reference ? to_step(*line_.reference) : std::nullopt;
   std::string instead;

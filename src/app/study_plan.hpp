@@ -10,10 +10,15 @@
 
 namespace sweepvi::app {
 
-/// Solver options to be compared with others.
+/// Scene keys and solver options to be compared with others.
 struct Setting {
   std::string name;
-  std::string options;  ///< as on a command line
+  std::string options;               ///< as on a command line
+  Overrides overrides;               ///< of the scene
+  std::vector<std::string> schemes;  ///< it is run with; empty: all
+
+  /// All of it, as on a command line.
+  std::string words() const;
 };
 
 /// One of the runs of a study.

@@ -144,7 +144,7 @@ std::string csv_text(const std::vector<StudyRow>& rows) {
   text += ",failure\n";
   for (const StudyRow& row : rows) {
     text += fmt::format("{},{},{},{}", row.run.scheme, quoted(row.run.setting.name),
-                        quoted(row.run.setting.options), status(row));
+                        quoted(row.run.setting.words()), status(row));
     for (const Entry& entry : entries(row))
       text += entry.value ? fmt::format(",{}", *entry.value) : ",";
     text += fmt::format(",{}\n", quoted(row.failure));
@@ -157,7 +157,7 @@ std::string rows_json(const std::vector<StudyRow>& rows) {
   for (const StudyRow& row : rows) {
     nlohmann::ordered_json one = {{"scheme", row.run.scheme},
                                   {"setting", row.run.setting.name},
-                                  {"options", row.run.setting.options},
+                                  {"options", row.run.setting.words()},
                                   {"status", status(row)}};
     for (const Entry& entry : entries(row))
       one[entry.name] = entry.value ? nlohmann::ordered_json(*entry.value) : nlohmann::ordered_json(nullptr);

@@ -17,6 +17,19 @@ REFERENCE = {round(row["h"], 9): row for row in program.read_json(program.SOURCE
 STEPS = [1e-1, 1e-2, 1e-3]
 DIGITS = 1e-6  # final errors: the same scheme, written independently, agrees to 1e-8; the hybrid reference is exact to 1e-12
 GRAPHS = 2e-3  # Hausdorff distances: three digits are computed, and the polylines' own error is up to h^2/8 |x''|
+THETAS = """
+[[setting]]
+name    = "1"
+schemes = "homsp"
+[[setting]]
+name    = "1/2"
+set     = "time.theta=0.5 model.x0=[1,0,0,0,0]"
+options = "-sweepvi_predictor none"
+schemes = "homsp,moreau-jean"
+[[setting]]
+name    = "series"
+schemes = "hybrid"
+"""
 SETTINGS = """
 [[setting]]
 name = "semismooth, \\"bare\\""
@@ -122,6 +135,21 @@ class Study(unittest.TestCase):
                                "-sweepvi_predictor", "active-set")
         self.assertEqual([(row["status"], row["newton_iterations"]) for row in rows], [("done", 0)] * 6)
 
+    def test_settings_of_the_scene(self):
+        (self.folder / "settings.toml").write_text(THETAS)
+        words = ["--schemes", "homsp,hybrid", "--steps", "1e-1,2.5e-2", "--settings", "settings.toml"]
+        rows, _, _ = self.runs(*words)
+        self.assertEqual([(row["scheme"], row["setting"]) for row in rows],
+                         [("homsp", "1")] * 2 + [("homsp", "1/2")] * 2 + [("hybrid", "series")] * 2)
+        self.assertEqual(rows[2]["options"], "--set time.theta=0.5 --set model.x0=[1,0,0,0,0] -sweepvi_predictor none")
+        self.check_final_errors(rows[:1])
+        # Of an independent program with theta = 1/2 (84.9 h^2 at 1e-1); order 2, within what the events' places do.
+        self.assertLess(abs(rows[2]["final"] / 8.486e-3 - 1), 1e-3)
+        self.assertTrue(1.85 < rows[3]["final_order"] < 2.15, rows[3])
+        # The command line wins.
+        rows, _, _ = self.runs(*words, "--set", "time.theta=1")
+        self.assertEqual(rows[2]["final"], rows[0]["final"])
+
     def test_hybrid_takes_tolerances(self):
         rows, _, _ = self.runs("--schemes", "homsp,hybrid", "--steps", "1e-1", "--tolerances", "1e-3,1e-9", "--reference", "1e-2")
         self.assertEqual([(row["scheme"], row["tolerance"]) for row in rows], [("homsp", None), ("hybrid", 1e-3), ("hybrid", 1e-9)])
@@ -175,6 +203,11 @@ class Study(unittest.TestCase):
             (settings('[[setting]]\nname = "a"\n[[setting]]\nname = "a"\n'), '= "a" is there twice', 2),
             (settings('[[setting]]\nname = "a"\noptions = "pc_type lu"\n'), "does not start with an option", 2),
             (settings('[[setting]]\nname = "a"\n[[setting]]\nname = "b"\noptions = "-snes_type no"\n'), "SNES type no", 2),
+            (settings('[[setting]]\nname = "a"\nset = "time.theta"\n'), "expected key=value", 2),
+            (settings('[[setting]]\nname = "a"\nset = "time.step=1"\n'), "a study takes time.step from its command line", 2),
+            (settings('[[setting]]\nname = "a"\nset = "time.tetha=1"\n'), "did you mean 'theta'?", 2),
+            (settings('[[setting]]\nname = "a"\nschemes = "hybird"\n'), "no scheme 'hybird'; did you mean 'hybrid'?", 2),
+            (settings('[[setting]]\nname = "a"\nschemes = "hybrid"\n'), "no setting of --settings goes with", 2),
         ]
         before = program.content(self.folder)
         outcomes = program.run_all(lambda case: program.run("study", SCENE, *case[0], cwd=self.folder), cases)
