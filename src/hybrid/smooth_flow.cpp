@@ -285,8 +285,8 @@ std::optional<double> SmoothFlow::expand(double length, double rate) {
   const int least = std::max(4, degree_.highest + 2);
   while (true) {
     const auto last = static_cast<std::size_t>(known_ - 1);
-    const double size = std::max(norms_[0], norms_[1] * length);
     if (!std::isfinite(norms_[last])) return std::nullopt;
+    const double size = known_ > 1 ? std::max(norms_[0], norms_[1] * length) : norms_[0];
     if (known_ > least && norms_[last] * std::pow(length, last) <= rate * length * size &&
         norms_[last - 1] * std::pow(length, last - 1) <= rate * length * size)
       return length;
