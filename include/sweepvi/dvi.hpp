@@ -42,6 +42,16 @@ enum class Degenerate {
 /// on the bound does not show in the certificate.
 inline constexpr double held_rtol = 1e-12;
 
+class AffineRows;
+
+/// A step whose F is affine, F(u) = K u - b, and whose unknowns fall into blocks that may be solved one by
+/// one.
+struct AffineStep {
+  const AffineRows* rows = nullptr;              ///< K; null: the step is not of this kind
+  Vec right_side = nullptr;                      ///< b, of the step that was begun
+  const std::vector<PetscInt>* block = nullptr;  ///< of each of this rank's unknowns
+};
+
 /// A differential variational inequality, one step at a time: find u in the box [l, b] with
 ///
 ///     F_i(u) >= 0 where u_i = l_i,   F_i(u) <= 0 where u_i = b_i,   F_i(u) = 0 between.
@@ -82,6 +92,13 @@ public:
   /// divided by its largest entry, is made of. (Undivided, stiff rows would excuse each other ever more.)
   /// Returns false where that has no meaning.
   virtual bool spread_terms(Vec) { return false; }
+  /// Both at once.
+  virtual void residual_and_terms(Vec u, Vec f, Vec terms) {
+    residual(u, f);
+    row_terms(u, terms);
+  }
+  /// What K is, while `jacobian_version` stays the same. @note Not collective.
+  virtual AffineStep affine() const { return {}; }
   virtual void jacobian(Vec u, Mat jacobian) = 0;
   /// dF/du itself, where `jacobian` gives a solver something that is easier to factor.
   virtual void derivative(Vec u, Mat matrix) { jacobian(u, matrix); }
@@ -91,6 +108,11 @@ public:
   virtual Degenerate degenerate() const { return Degenerate::undecided; }
   /// Puts what is at its bound, up to rounding of its own row, exactly there: the largest active set.
   virtual void settle(Vec u) = 0;
+  /// settle, and residual_and_terms of what it leaves.
+  virtual void settle_and_judge(Vec u, Vec f, Vec terms) {
+    settle(u);
+    residual_and_terms(u, f, terms);
+  }
   /// Whether a certified point is one that the process takes, where its VI has several solutions: the others
   /// count as unsolved. The same on every rank.
   virtual bool admissible(Vec) { return true; }

@@ -9,6 +9,7 @@
 
 namespace sweepvi {
 
+class BlockSweeps;
 class Certificate;
 class OuterLinearisation;
 class Predictor;
@@ -22,9 +23,10 @@ struct CertificateOptions {
 };
 
 /// Where a step's solve starts.
+/// -sweepvi_predictor automatic | active-set | none
 struct PredictorOptions {
-  bool active_set =
-      true;  ///< -sweepvi_predictor active-set | none: guess by an active-set method, or the last state
+  bool sweeps = true;      ///< over blocks, where there are some that read each other weakly
+  bool active_set = true;  ///< by an active-set method; without both: the last state
 };
 
 /// Who linearises a step's VI, HO V.A.
@@ -136,8 +138,11 @@ private:
   static void lift_step_limit(SNES snes);
   SNES other_snes();
   void choose_scale();
+  void bind_bounds(Vec lower, Vec upper);
   double settled_ratio(Vec u);
+  bool judged(Vec u) const;
   bool predict();
+  bool sweep();
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
   std::vector<Rung> ladder(bool brief);
@@ -157,10 +162,16 @@ private:
   SolverOptions solver_options_;
   Matrix jacobian_;
   std::unique_ptr<Certificate> judge_;
+  std::unique_ptr<BlockSweeps> sweeps_;
+  std::uint64_t swept_version_ = 0;  // of the Jacobian that sweeps_ is for
   std::unique_ptr<Predictor> predictor_;
   std::unique_ptr<OuterLinearisation> pivoting_;  // from the first step that needs it
-  Vector u_, f_, lower_, upper_, guess_, settled_;
-  double sigma_ = 1.0;  // SNES works on sigma u and sigma F
+  Vector u_, f_, lower_, upper_, guess_;
+  Vector settled_;              // the point last judged
+  double judged_ratio_ = -1.0;  // its ratio, for which f_ is F; below 0: there is none in this step
+  bool at_guess_ = false;       // u_ is where SNES shall start
+  double sigma_ = 1.0;          // SNES works on sigma u and sigma F
+  Vec bound_ = nullptr;         // lower bounds that snes_ has
   Vector snes_f_, snes_lower_, snes_upper_, unscaled_, terms_;
   double previous_ratio_ = 0.0;
   int failed_solves_ = 0;  // attempts of this step that ended in a linear system

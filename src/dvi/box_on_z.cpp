@@ -16,6 +16,12 @@ void absolute_values(Vec from, Vec to) {
   check(VecAbs(to));
 }
 
+// The elements of the system; a small one is a single block.
+std::vector<PetscInt> small_blocks(const LinearSystem& system) {
+  constexpr PetscInt small = 12;
+  return system.states() <= small ? std::vector<PetscInt>(system.block.size(), 0) : system.block;
+}
+
 }  // namespace
 
 BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h,
@@ -44,8 +50,8 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   } else {
     K_ = Matrix::share(plain_K_.get());
   }
-  abs_K_ = absolute_copy(K_.get());
-  reading_ = absolute_up_to(K_.get(), 1.0);
+  rows_ = AffineRows(K_.get());
+  blocks_ = small_blocks(system);
 
   // u_0 = W x_0 + g(t_0)
   place_forcing(t_start, g_.get());
@@ -75,8 +81,8 @@ bool BoxOnZ::set_step(double h) {
     make_rates();
     return false;
   }
-  abs_K_ = absolute_copy(K_.get());
-  reading_ = absolute_up_to(K_.get(), 1.0);
+  rows_ = AffineRows(K_.get());
+  reading_.reset();
   has_c_ = false;
   ++version_;
   return true;
@@ -147,13 +153,15 @@ void BoxOnZ::add_completion(const Step& step) {
 void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   begin_levels(lower, upper);
   find_c(step);
-  check(VecWAXPY(rhs_.get(), 1.0, u_.get(), c_.get()));
   {
     const ReadArray u(u_.get());
     const ReadArray c(c_.get());
+    const WriteArray rhs(rhs_.get());
     const WriteArray terms(rhs_terms_.get());
-    for (PetscInt i = 0; i < u.size(); ++i)
+    for (PetscInt i = 0; i < u.size(); ++i) {
+      rhs[i] = u[i] + c[i];
       terms[i] = std::abs(u[i]) + std::abs(c[i]);
+    }
   }
   if (old_rates_) {
     check(MatMultAdd(old_rates_.get(), u_.get(), rhs_.get(), rhs_.get()));
@@ -170,16 +178,41 @@ void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
 }
 
 void BoxOnZ::residual(Vec u, Vec f) {
-  check(MatMult(K_.get(), u, f));
-  check(VecAXPY(f, -1.0, rhs_.get()));
+  rows_.residual(u, rhs_.get(), f);
 }
 
 void BoxOnZ::row_terms(Vec u, Vec terms) {
-  absolute_values(u, work_.get());
-  check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
+  rows_.terms(u, rhs_terms_.get(), terms);
+}
+
+void BoxOnZ::residual_and_terms(Vec u, Vec f, Vec terms) {
+  rows_.evaluate(u, rhs_.get(), rhs_terms_.get(), f, terms);
+}
+
+void BoxOnZ::settle_and_judge(Vec u, Vec f, Vec terms) {
+  residual_and_terms(u, f, terms);
+  int moved = put_held(u, terms) ? 1 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm());
+  if (moved != 0) residual_and_terms(u, f, terms);
+}
+
+void BoxOnZ::terms_where_held(Vec u, Vec terms) {
+  const double* others = rows_.ghosts(u);
+  const ReadArray values(u);
+  const ReadArray right(rhs_terms_.get());
+  const WriteArray result(terms);
+  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    for (int i = 1; i <= levels_.level[a]; ++i) {
+      const PetscInt at = place(a, i);
+      const Interval box = levels_.box(a, i);
+      if (values[at] <= box.lower || values[at] >= box.upper)
+        result[at] = rows_.terms_of(at, values.data(), others) + right[at];
+    }
+  }
 }
 
 bool BoxOnZ::spread_terms(Vec terms) {
+  if (!reading_) reading_ = absolute_up_to(K_.get(), 1.0);
   check(MatMult(reading_.get(), terms, work_.get()));
   check(VecCopy(work_.get(), terms));
   return true;

@@ -5,6 +5,7 @@
 #include "dvi/output_box.hpp"
 #include "dvi/output_coordinates.hpp"
 #include "dvi/output_forcing.hpp"
+#include "petsc/affine_rows.hpp"
 #include "sweepvi/linear_dvi.hpp"
 
 namespace sweepvi {
@@ -25,6 +26,9 @@ public:
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
+  void residual_and_terms(Vec u, Vec f, Vec terms) override;
+  void settle_and_judge(Vec u, Vec f, Vec terms) override;
+  AffineStep affine() const override { return {&rows_, rhs_.get(), &blocks_}; }
   bool spread_terms(Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }
@@ -35,6 +39,7 @@ public:
 private:
   PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
   void place_forcing(double t, Vec g_x);
+  void terms_where_held(Vec u, Vec terms) override;
   void find_c(const Step& step);
   void make_rates();
   void add_completion(const Step& step);
@@ -47,8 +52,10 @@ private:
   Matrix plain_K_;                                 // I - h theta R
   Matrix old_rates_, abs_old_rates_;               // h (1-theta) R; empty: theta = 1
   Matrix jumps_, inverse_jumps_, abs_inverse_;     // J, J^{-1}, its absolute values; empty: identity
-  Matrix K_, abs_K_;                               // J^{-1} plain_K_ and its absolute values
-  Matrix reading_;                                 // |K| up to 1
+  Matrix K_;                                       // J^{-1} plain_K_
+  AffineRows rows_;                                // of K
+  std::vector<PetscInt> blocks_;                   // of each unknown
+  Matrix reading_;                                 // |K| up to 1; from the first step that needs it
   std::uint64_t version_ = 0;                      // counts changes of h
   bool has_c_ = false;                             // constant forcing: found once
   Vector g_outputs_old_, g_outputs_, defect_;      // layout of the outputs

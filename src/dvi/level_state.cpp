@@ -35,12 +35,6 @@ void LevelState::apply_level_rule() {
   }
 }
 
-Interval LevelState::box(std::size_t a, int i) const {
-  if (i == 1) return {0.0, upper[a]};
-  if (i > level[a]) return {};
-  return side[a] == Side::upper ? Interval{PETSC_NINFINITY, 0.0} : Interval{0.0, PETSC_INFINITY};
-}
-
 void LevelState::advance(const std::vector<double>& z_new) {
   events.clear();
   for (std::size_t a = 0; a < constraints(); ++a) {

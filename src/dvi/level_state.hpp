@@ -58,7 +58,11 @@ struct LevelState {
   void apply_level_rule();
 
   /// The box rule: 0 <= z_1 <= wmax, z_i >= 0 (upper wall: <= 0) for 2 <= i <= r*, the others free.
-  Interval box(std::size_t a, int i) const;
+  Interval box(std::size_t a, int i) const {
+    if (i == 1) return {0.0, upper[a]};
+    if (i > level[a]) return {};
+    return side[a] == Side::upper ? Interval{PETSC_NINFINITY, 0.0} : Interval{0.0, PETSC_INFINITY};
+  }
 
   /// Takes the outputs and measures of a finished step and derives its events: an impact on level i where the
   /// measure stops an output that was heading out (or a gap that closes), a lift-off where contact ends.

@@ -44,7 +44,12 @@ void OutputBox::begin_levels(Vec lower, Vec upper) {
 
 void OutputBox::settle(Vec u) {
   row_terms(u, terms_.get());
-  const ReadArray terms(terms_.get());
+  put_held(u, terms_.get());
+}
+
+bool OutputBox::put_held(Vec u, Vec row_terms_of_u) {
+  bool moved = false;
+  const ReadArray terms(row_terms_of_u);
   const WriteArray values(u);
   crowded_ = {};
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
@@ -56,34 +61,38 @@ void OutputBox::settle(Vec u) {
       scale = terms[at] + h_ * scale;
       const Interval box = levels_.box(a, i);
       for (const double bound : {box.upper, box.lower})
-        if (std::abs(values[at] - bound) <= held_rtol * scale) values[at] = bound;
+        if (values[at] != bound && std::abs(values[at] - bound) <= held_rtol * scale) {
+          values[at] = bound;
+          moved = true;
+        }
       if (i == 1 && (values[at] == box.lower || values[at] == box.upper))
         stands_at_wall(a, held_rtol * scale);
     }
   }
+  return moved;
 }
 
 void OutputBox::take(Vec u, Vec f, const std::vector<double>& gains) {
-  row_terms(u, terms_.get());
+  terms_where_held(u, terms_.get());
   {
     const ReadArray terms(terms_.get());
     const ReadArray values(u);
     const ReadArray residual(f);
-    std::vector<double> z_new(levels_.z.size());
+    z_new_.resize(levels_.z.size());
     std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
     for (std::size_t a = 0; a < levels_.constraints(); ++a) {
       for (int i = 1; i <= levels_.levels(a); ++i) {
         const PetscInt at = place(a, i);
         const double z = values[at];
-        z_new[levels_.at(a, i)] = z;
+        z_new_[levels_.at(a, i)] = z;
         const Interval box = levels_.box(a, i);
         const bool holds = (z <= box.lower && residual[at] > held_rtol * terms[at]) ||
                            (z >= box.upper && residual[at] < -held_rtol * terms[at]);
         if (holds) levels_.measure(a, i) = residual[at] / (i == levels_.levels(a) ? gains[a] : 1.0);
       }
-      levels_.w[a] = z_new[levels_.at(a, 1)];
+      levels_.w[a] = z_new_[levels_.at(a, 1)];
     }
-    levels_.advance(z_new);
+    levels_.advance(z_new_);
   }
   check(VecCopy(u, u_.get()));
 }

@@ -27,6 +27,10 @@ protected:
   void start_from(Vec u);
   /// Level rule, and the box it makes of the step.
   void begin_levels(Vec lower, Vec upper);
+  /// Puts what is at its bound, up to rounding of these terms, exactly there. @return whether anything moved
+  bool put_held(Vec u, Vec terms);
+  /// row_terms, or those of rows whose output stands at a bound of the step.
+  virtual void terms_where_held(Vec u, Vec terms) { row_terms(u, terms); }
   /// Takes the settled u with F = f. @param gains  F on level r over mu, per constraint
   void take(Vec u, Vec f, const std::vector<double>& gains);
 
@@ -34,6 +38,7 @@ protected:
 
 private:
   Vector terms_;
+  std::vector<double> z_new_;  // of the step that is taken
 };
 
 }  // namespace sweepvi

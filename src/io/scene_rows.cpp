@@ -79,10 +79,12 @@ double SceneRows::measure(const Row& row, int level, double mu) const {
 
 std::vector<double> SceneRows::mu() const {
   const auto levels = static_cast<std::size_t>(dvi_.mu_levels());
-  std::vector<double> result;
-  for (const Row& row : rows_)
+  const std::vector<double>& mu = dvi_.mu();
+  std::vector<double> result(rows_.size() * levels);
+  for (std::size_t k = 0; k < rows_.size(); ++k)
     for (std::size_t i = 0; i < levels; ++i)
-      result.push_back(measure(row, static_cast<int>(i) + 1, dvi_.mu()[row.constraint * levels + i]));
+      result[k * levels + i] =
+          measure(rows_[k], static_cast<int>(i) + 1, mu[rows_[k].constraint * levels + i]);
   return result;
 }
 

@@ -22,10 +22,19 @@ Certificate::Certificate(Dvi& problem, const CertificateOptions& options)
       own_(duplicate(problem.state())) {}
 
 double Certificate::worst_ratio(Vec u, Vec lower, Vec upper, Vec f) {
+  problem_.residual_and_terms(u, f, terms_.get());
+  return judge(u, lower, upper, f);
+}
+
+double Certificate::settled_ratio(Vec u, Vec lower, Vec upper, Vec f) {
+  problem_.settle_and_judge(u, f, terms_.get());
+  return judge(u, lower, upper, f);
+}
+
+// By f and terms_.
+double Certificate::judge(Vec u, Vec lower, Vec upper, Vec f) {
   constexpr int rounds = 4;
   constexpr int sweeps = 3;  // residue travels along that many unknowns before it is judged again
-  problem_.residual(u, f);
-  problem_.row_terms(u, terms_.get());
   double worst = ratio(u, lower, upper, f);
   if (worst <= options_.target) return worst;
   check(VecCopy(terms_.get(), spread_.get()));
@@ -72,16 +81,15 @@ double Certificate::ratio(Vec u, Vec lower, Vec upper, Vec f) {
     const ReadArray l(lower);
     const ReadArray b(upper);
     const ReadArray terms(terms_.get());
+    double not_finite = 0.0;  // or NaN
     for (PetscInt i = 0; i < x.size(); ++i) {
-      if (!std::isfinite(x[i]) || !std::isfinite(value[i]) || !std::isfinite(terms[i])) {
-        worst[0] = infinity;
-        break;
-      }
+      not_finite += 0.0 * x[i] + 0.0 * value[i] + 0.0 * terms[i];
       const double natural = std::abs(natural_residual(x[i], value[i], l[i], b[i]));
-      if (natural == 0.0) continue;
-      worst[0] = std::max(worst[0], natural / terms[i]);  // terms = 0: infinite, as it should be
-      if (natural < std::abs(value[i])) worst[1] = 1.0;
+      if (natural > worst[0] * terms[i])
+        worst[0] = natural / terms[i];  // terms = 0: infinite, as it should be
+      if (natural < std::abs(value[i]) && natural != 0.0) worst[1] = 1.0;
     }
+    if (std::isnan(not_finite)) worst[0] = infinity;
   }
   MPI_Allreduce(MPI_IN_PLACE, worst.data(), 2, MPI_DOUBLE, MPI_MAX, problem_.comm());
   const bool in_doubt = worst[0] <= options_.rtol && worst[1] > 0.0;

@@ -39,8 +39,11 @@ public:
 
   /// Worst ratio of the rows at u; infinity where numbers are not finite. `f` becomes F(u). @note Collective.
   double worst_ratio(Vec u, Vec lower, Vec upper, Vec f);
+  /// The same of what u settles to, which it becomes.
+  double settled_ratio(Vec u, Vec lower, Vec upper, Vec f);
 
 private:
+  double judge(Vec u, Vec lower, Vec upper, Vec f);
   double ratio(Vec u, Vec lower, Vec upper, Vec f);
   double weighted_ratio(Vec u, Vec lower, Vec upper, Vec f);
   void weigh(Vec u);

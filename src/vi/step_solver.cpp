@@ -2,12 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
+#include <utility>
 
 #include <petsc/private/snesimpl.h>
 
 #include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
+#include "vi/block_sweeps.hpp"
 #include "vi/certificate.hpp"
 #include "vi/outer_linearisation.hpp"
 #include "vi/predictor.hpp"
@@ -20,7 +23,7 @@ constexpr double nearly = 1e-6;  // a ratio below which an attempt ended at a so
 
 void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& predictor,
                   SolverOptions& solver) {
-  std::array<char, 64> chosen{"active-set"};
+  std::array<char, 64> chosen{"automatic"};
   std::array<char, 64> linearisation{"inner"};
   const auto read = [&]() -> PetscErrorCode {
     PetscFunctionBeginUser;
@@ -32,9 +35,9 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
                                "Ratio at which the solver stops improving a step [-], > 0",
                                "CertificateOptions", options.target, &options.target, nullptr));
     // Not PetscOptionsEList: in PETSc 3.18 its message on an unknown value overruns its own buffer.
-    PetscCall(PetscOptionsString("-sweepvi_predictor",
-                                 "How a step's solution is guessed before SNES: active-set | none",
-                                 "PredictorOptions", chosen.data(), chosen.data(), chosen.size(), nullptr));
+    PetscCall(PetscOptionsString(
+        "-sweepvi_predictor", "How a step's solution is guessed before SNES: automatic | active-set | none",
+        "PredictorOptions", chosen.data(), chosen.data(), chosen.size(), nullptr));
     PetscCall(PetscOptionsString("-sweepvi_linearisation",
                                  "Who linearises a step: inner, SNES on the nonlinear VI | outer, affine VIs "
                                  "in full steps (to compare)",
@@ -48,9 +51,10 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
   };
   check_options(read());
   const std::string name = chosen.data();
-  if (name != "active-set" && name != "none")
-    throw InputError("-sweepvi_predictor is '" + name + "'; expected active-set or none");
-  predictor.active_set = name == "active-set";
+  if (name != "automatic" && name != "active-set" && name != "none")
+    throw InputError("-sweepvi_predictor is '" + name + "'; expected automatic, active-set or none");
+  predictor.sweeps = name == "automatic";
+  predictor.active_set = name != "none";
   const std::string who = linearisation.data();
   if (who != "inner" && who != "outer")
     throw InputError("-sweepvi_linearisation is '" + who + "'; expected inner or outer");
@@ -154,7 +158,7 @@ PetscErrorCode StepSolver::form_function(SNES, Vec scaled_u, Vec f, void* contex
   auto& self = *static_cast<StepSolver*>(context);
   return guarded(self.parked_, [&] {
     self.problem_.residual(self.unscaled(scaled_u), f);
-    check(VecScale(f, self.sigma_));
+    if (self.sigma_ != 1.0) check(VecScale(f, self.sigma_));
   });
 }
 
@@ -164,6 +168,7 @@ PetscErrorCode StepSolver::form_jacobian(SNES, Vec scaled_u, Mat, Mat jacobian, 
 }
 
 Vec StepSolver::unscaled(Vec scaled_u) {
+  if (sigma_ == 1.0) return scaled_u;
   check(VecCopy(scaled_u, unscaled_.get()));
   check(VecScale(unscaled_.get(), 1.0 / sigma_));
   return unscaled_.get();
@@ -188,6 +193,13 @@ void StepSolver::choose_scale() {
   };
   scale(lower_, snes_lower_);
   scale(upper_, snes_upper_);
+  bind_bounds(snes_lower_.get(), snes_upper_.get());
+}
+
+void StepSolver::bind_bounds(Vec lower, Vec upper) {
+  if (bound_ == lower) return;
+  check(SNESVISetVariableBounds(snes_, lower, upper));
+  bound_ = lower;
 }
 
 // Our own test: the certificate of the settled point, and whether it still improves.
@@ -210,25 +222,68 @@ PetscErrorCode StepSolver::converged(SNES snes, PetscInt iteration, PetscReal, P
   });
 }
 
-// The certificate of what `u` settles to; `u` itself is left alone.
+// The certificate of what `u` settles to, settled_; `u` itself is left alone. Where the
+// predictor was right a step asks more than once: what has settled settles to itself, and is known then.
 double StepSolver::settled_ratio(Vec u) {
+  if (judged(u)) return judged_ratio_;
   check(VecCopy(u, settled_.get()));
-  problem_.settle(settled_.get());
-  return worst_ratio(settled_.get());
+  judged_ratio_ = judge_->settled_ratio(settled_.get(), lower_.get(), upper_.get(), f_.get());
+  return judged_ratio_;
 }
 
-// Replaces the guess by the predictor's if that one is good to rounding.
+bool StepSolver::judged(Vec u) const {
+  if (judged_ratio_ < 0.0) return false;
+  const ReadArray now(u);
+  const ReadArray then(settled_.get());
+  int same = std::memcmp(now.data(), then.data(), static_cast<std::size_t>(now.size()) * sizeof(double)) == 0
+                 ? 1
+                 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &same, 1, MPI_INT, MPI_LAND, problem_.comm());
+  return same != 0;
+}
+
+// By blocks, where the step has some that read each other weakly.
+bool StepSolver::sweep() {
+  constexpr int most_rounds = 4;
+  if (!predictor_options_.sweeps) return false;
+  const AffineStep affine = problem_.affine();
+  if (affine.rows == nullptr) return false;
+  if (!sweeps_ || swept_version_ != problem_.jacobian_version()) {
+    sweeps_ =
+        std::make_unique<BlockSweeps>(problem_.comm(), *affine.rows, *affine.block, problem_.degenerate());
+    swept_version_ = problem_.jacobian_version();
+  }
+  if (!sweeps_->worthwhile()) return false;
+  check(VecCopy(guess_.get(), u_.get()));
+  double before = std::numeric_limits<double>::infinity();
+  bool refined = false;
+  for (int round = 0; round < most_rounds; ++round) {
+    if (!refined && !sweeps_->solve(u_.get(), affine.right_side, lower_.get(), upper_.get())) return false;
+    const double ratio = settled_ratio(u_.get());
+    if (ratio <= certificate_.target) return true;
+    if (!(ratio < 0.5 * before)) return false;
+    before = ratio;
+    refined = ratio <= nearly;  // the sets are right
+    if (refined) sweeps_->refine(u_.get(), f_.get());
+  }
+  return false;
+}
+
+// Puts the predictor's guess into u_ if that one is good to rounding.
 bool StepSolver::predict() {
   if (!predictor_) return false;
-  if (problem_.predict(guess_.get())) return true;
+  if (problem_.predict(guess_.get())) {
+    check(VecCopy(guess_.get(), u_.get()));
+    return true;
+  }
+  if (sweep()) return true;
   check(VecCopy(guess_.get(), u_.get()));
   const auto ratio = [this](Vec u) { return settled_ratio(u); };
-  if (!predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio)) return false;
-  check(VecCopy(u_.get(), guess_.get()));
-  return true;
+  return predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio);
 }
 
 double StepSolver::worst_ratio(Vec u) {
+  judged_ratio_ = -1.0;  // f_ becomes that of u
   return judge_->worst_ratio(u, lower_.get(), upper_.get(), f_.get());
 }
 
@@ -251,6 +306,7 @@ PetscInt StepSolver::attempt(Rung rung, std::string& reason) {
 }
 
 void StepSolver::start_from(bool cold) {
+  if (std::exchange(at_guess_, false) && !cold) return;
   if (cold) {
     check(VecSet(u_.get(), 0.0));
   } else {
@@ -262,12 +318,12 @@ PetscInt StepSolver::attempt_snes(Rung rung, std::string& reason) {
   const bool other_type = rung == Rung::other_type || rung == Rung::other_type_cold_start;
   SNES snes = other_type ? other_snes() : snes_;
   start_from(rung >= Rung::cold_start);
-  check(VecScale(u_.get(), sigma_));
+  if (sigma_ != 1.0) check(VecScale(u_.get(), sigma_));
   // A semismooth solve that broke off leaves its own function in place of ours.
   check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
   const PetscErrorCode code = SNESSolve(snes, nullptr, u_.get());
   check(code, parked_);
-  check(VecScale(u_.get(), 1.0 / sigma_));
+  if (sigma_ != 1.0) check(VecScale(u_.get(), 1.0 / sigma_));
   PetscInt iterations = 0;
   check(SNESGetIterationNumber(snes, &iterations));
   const char* text = nullptr;
@@ -327,9 +383,17 @@ double StepSolver::polish() {
 
 StepReport StepSolver::solve(const Step& step, bool brief) {
   problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
-  choose_scale();
+  judged_ratio_ = -1.0;
+  at_guess_ = false;
   failed_solves_ = 0;
   const bool predicted = predict();
+  if (predicted) {  // SNES looks at it once
+    sigma_ = 1.0;
+    bind_bounds(lower_.get(), upper_.get());
+    at_guess_ = true;
+  } else {
+    choose_scale();
+  }
   StepReport best;
   best.residual = std::numeric_limits<double>::infinity();
   if (!predicted) best.obstacle = problem_.obstacle();
@@ -345,10 +409,11 @@ StepReport StepSolver::solve(const Step& step, bool brief) {
     StepReport report;
     report.rung = rung;
     report.attempts = ++attempts;
+    if (predicted && attempts == 2) choose_scale();
     iterations += attempt(rung, report.reason);
     if (rung == Rung::pivoting) pivoting = report.reason;
-    problem_.settle(u_.get());
-    report.residual = worst_ratio(u_.get());
+    report.residual = settled_ratio(u_.get());
+    if (!judged(u_.get())) check(VecCopy(settled_.get(), u_.get()));
     if (report.residual > certificate_.rtol && report.residual <= nearly) report.residual = polish();
     const bool solved = report.residual <= certificate_.rtol;
     report.certified = solved && problem_.admissible(u_.get());

@@ -1,0 +1,159 @@
+#include "petsc/affine_rows.hpp"
+
+#include <cmath>
+
+#include "petsc/sparse.hpp"
+
+namespace sweepvi {
+
+namespace {
+
+/// The parts of a local matrix, for one scope.
+class LocalPart {
+public:
+  explicit LocalPart(Mat matrix) : matrix_(matrix) {
+    PetscBool done = PETSC_FALSE;
+    check(MatGetRowIJ(matrix, 0, PETSC_FALSE, PETSC_FALSE, &rows_, &starts_, &columns_, &done));
+    if (done != PETSC_TRUE) throw Error(ExitCode::internal, "a matrix does not show its rows");
+    check(MatSeqAIJGetArrayRead(matrix, &values_));
+  }
+  ~LocalPart() {
+    PetscBool done = PETSC_FALSE;
+    static_cast<void>(MatSeqAIJRestoreArrayRead(matrix_, &values_));
+    static_cast<void>(
+        MatRestoreRowIJ(matrix_, 0, PETSC_FALSE, PETSC_FALSE, &rows_, &starts_, &columns_, &done));
+  }
+  LocalPart(const LocalPart&) = delete;
+  LocalPart& operator=(const LocalPart&) = delete;
+  PetscInt rows() const { return rows_; }
+  template <class Visit>
+  void row(PetscInt i, Visit&& visit) const {
+    for (PetscInt k = starts_[i]; k < starts_[i + 1]; ++k)
+      visit(columns_[k], values_[k]);
+  }
+
+private:
+  Mat matrix_;
+  PetscInt rows_ = 0;
+  const PetscInt* starts_ = nullptr;
+  const PetscInt* columns_ = nullptr;
+  const PetscScalar* values_ = nullptr;
+};
+
+/// sum_k K_ik u_k in `sum`, of absolute values in `size`.
+template <bool WithSum, bool WithSize>
+void multiply(const std::vector<PetscInt>& starts, const std::vector<PetscInt>& columns,
+              const std::vector<double>& values, const double* own, const double* others, PetscInt count,
+              const double* b, const double* b_terms, double* f, double* terms) {
+  for (PetscInt i = 0; i < count; ++i) {
+    double sum = 0.0;
+    double size = 0.0;
+    for (auto k = static_cast<std::size_t>(starts[static_cast<std::size_t>(i)]),
+              last = static_cast<std::size_t>(starts[static_cast<std::size_t>(i) + 1]);
+         k < last; ++k) {
+      const PetscInt column = columns[k];
+      const double product = values[k] * (column < count ? own[column] : others[column - count]);
+      if constexpr (WithSum) sum += product;
+      if constexpr (WithSize) size += std::abs(product);
+    }
+    if constexpr (WithSum) f[i] = sum - b[i];
+    if constexpr (WithSize) terms[i] = size + b_terms[i];
+  }
+}
+
+}  // namespace
+
+AffineRows::AffineRows(Mat K) {
+  const LocalRange range = row_range(K);
+  PetscBool parallel = PETSC_FALSE;
+  check(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(K), MATMPIAIJ, &parallel));
+  Mat own = K;
+  Mat others = nullptr;
+  const PetscInt* far = nullptr;
+  if (parallel == PETSC_TRUE) check(MatMPIAIJGetSeqAIJ(K, &own, &others, &far));
+  {
+    const LocalPart near(own);
+    starts_.reserve(static_cast<std::size_t>(near.rows()) + 1);
+    starts_.push_back(0);
+    const auto take = [this](PetscInt shift) {
+      return [this, shift](PetscInt column, double value) {
+        columns_.push_back(column + shift);
+        values_.push_back(value);
+      };
+    };
+    if (others == nullptr) {
+      for (PetscInt i = 0; i < near.rows(); ++i) {
+        near.row(i, take(0));
+        starts_.push_back(static_cast<PetscInt>(columns_.size()));
+      }
+      return;
+    }
+    const LocalPart beyond(others);
+    for (PetscInt i = 0; i < near.rows(); ++i) {
+      near.row(i, take(0));
+      beyond.row(i, take(range.size()));
+      starts_.push_back(static_cast<PetscInt>(columns_.size()));
+    }
+  }
+  PetscInt count = 0;
+  check(MatGetSize(others, nullptr, &count));
+  const MPI_Comm comm = PetscObjectComm(reinterpret_cast<PetscObject>(K));
+  int any = count > 0 ? 1 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, comm);
+  if (any == 0) return;
+  check(VecCreateSeq(PETSC_COMM_SELF, count, ghosts_.put()));
+  Vector like;
+  check(MatCreateVecs(K, like.put(), nullptr));
+  IndexSet from;
+  check(ISCreateGeneral(PETSC_COMM_SELF, count, far, PETSC_COPY_VALUES, from.put()));
+  check(VecScatterCreate(like.get(), from.get(), ghosts_.get(), nullptr, scatter_.put()));
+}
+
+const double* AffineRows::ghosts(Vec u) const {
+  if (!scatter_) return nullptr;
+  check(VecScatterBegin(scatter_.get(), u, ghosts_.get(), INSERT_VALUES, SCATTER_FORWARD));
+  check(VecScatterEnd(scatter_.get(), u, ghosts_.get(), INSERT_VALUES, SCATTER_FORWARD));
+  const ReadArray values(ghosts_.get());
+  return values.data();
+}
+
+void AffineRows::residual(Vec u, Vec b, Vec f) const {
+  const double* others = ghosts(u);
+  const ReadArray own(u);
+  const ReadArray right(b);
+  const WriteArray result(f);
+  multiply<true, false>(starts_, columns_, values_, own.data(), others, size(), right.data(), nullptr,
+                        result.data(), nullptr);
+}
+
+void AffineRows::terms(Vec u, Vec b_terms, Vec terms) const {
+  const double* others = ghosts(u);
+  const ReadArray own(u);
+  const ReadArray right(b_terms);
+  const WriteArray result(terms);
+  multiply<false, true>(starts_, columns_, values_, own.data(), others, size(), nullptr, right.data(),
+                        nullptr, result.data());
+}
+
+void AffineRows::evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const {
+  const double* others = ghosts(u);
+  const ReadArray own(u);
+  const ReadArray right(b);
+  const ReadArray right_terms(b_terms);
+  const WriteArray result(f);
+  const WriteArray size_of(terms);
+  multiply<true, true>(starts_, columns_, values_, own.data(), others, size(), right.data(),
+                       right_terms.data(), result.data(), size_of.data());
+}
+
+double AffineRows::terms_of(PetscInt row, const double* own, const double* others) const {
+  const auto i = static_cast<std::size_t>(row);
+  double sum = 0.0;
+  for (auto k = static_cast<std::size_t>(starts_[i]); k < static_cast<std::size_t>(starts_[i + 1]); ++k) {
+    const PetscInt column = columns_[k];
+    sum += std::abs(values_[k] * (column < size() ? own[column] : others[column - size()]));
+  }
+  return sum;
+}
+
+}  // namespace sweepvi

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <vector>
+
+#include "sweepvi/petsc.hpp"
+
+namespace sweepvi {
+
+/// This rank's rows of a matrix K in compressed form, for what a step asks of an affine F(u) = K u - b: its
+/// values and the terms they are summed from in one pass over K, instead of a MatMult each and a copy of |K|.
+class AffineRows {
+public:
+  AffineRows() = default;
+  /// Copies the entries of K (AIJ). @note Collective, like all that takes vectors.
+  explicit AffineRows(Mat K);
+
+  explicit operator bool() const { return !starts_.empty(); }
+
+  /// f = K u - b
+  void residual(Vec u, Vec b, Vec f) const;
+  /// terms = |K| |u| + |b|_terms
+  void terms(Vec u, Vec b_terms, Vec terms) const;
+  /// Both.
+  void evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const;
+
+  /// |K| |u| in one row. @note Not collective.
+  double terms_of(PetscInt row, const double* own, const double* others) const;
+
+  PetscInt size() const { return static_cast<PetscInt>(starts_.size()) - 1; }
+  /// Rows are [starts[i], starts[i+1]) of columns and values. Columns count this rank's entries of a vector
+  /// first, then those of other ranks in the order of `ghosts`.
+  const std::vector<PetscInt>& starts() const { return starts_; }
+  const std::vector<PetscInt>& columns() const { return columns_; }
+  const std::vector<double>& values() const { return values_; }
+
+  /// The entries of u on other ranks that rows read; valid until the next call. Null where all are our own.
+  const double* ghosts(Vec u) const;
+
+private:
+  std::vector<PetscInt> starts_, columns_;
+  std::vector<double> values_;
+  Scatter scatter_;  // empty: no rank reads another one's
+  Vector ghosts_;
+};
+
+}  // namespace sweepvi
