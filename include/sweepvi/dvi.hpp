@@ -52,6 +52,13 @@ struct AffineStep {
   const std::vector<PetscInt>* block = nullptr;  ///< of each of this rank's unknowns
 };
 
+/// The elements of a system as blocks; a small system is a single one. @param block  of each unknown of this
+/// rank @param size  of the system
+inline std::vector<PetscInt> small_blocks(const std::vector<PetscInt>& block, PetscInt size) {
+  constexpr PetscInt small = 12;
+  return size <= small ? std::vector<PetscInt>(block.size(), 0) : block;
+}
+
 /// A differential variational inequality, one step at a time: find u in the box [l, b] with
 ///
 ///     F_i(u) >= 0 where u_i = l_i,   F_i(u) <= 0 where u_i = b_i,   F_i(u) = 0 between.

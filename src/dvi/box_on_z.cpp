@@ -16,12 +16,6 @@ void absolute_values(Vec from, Vec to) {
   check(VecAbs(to));
 }
 
-// The elements of the system; a small one is a single block.
-std::vector<PetscInt> small_blocks(const LinearSystem& system) {
-  constexpr PetscInt small = 12;
-  return system.states() <= small ? std::vector<PetscInt>(system.block.size(), 0) : system.block;
-}
-
 }  // namespace
 
 BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h,
@@ -51,7 +45,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
     K_ = Matrix::share(plain_K_.get());
   }
   rows_ = AffineRows(K_.get());
-  blocks_ = small_blocks(system);
+  blocks_ = small_blocks(system.block, system.states());
 
   // u_0 = W x_0 + g(t_0)
   place_forcing(t_start, g_.get());

@@ -59,7 +59,10 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
     *vector = duplicate(q_.get());
   assemble();
   first_row_ = row_range(matrix_.get()).first;
-  if (!dual) find_places();
+  if (!dual) {
+    find_places();
+    blocks_ = small_blocks(system.block, system.coordinates());
+  }
   check(MatCreateVecs(matrix_.get(), u_.put(), nullptr));
   for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_, &known_})
     *vector = duplicate(u_.get());
@@ -96,11 +99,10 @@ void LinearMoreauJean::assemble() {
   const double rest = 1.0 - theta_;
   const Matrix J = scaled(1.0, h_ * theta_, h_ * h_ * theta_ * theta_);
   matrix_ = dual_ ? saddle(J.get()) : Matrix::share(J.get());
-  of_v_ = scaled(1.0, -h_ * rest, -h_ * h_ * theta_ * rest);
-  of_q_ = scaled({}, {}, -h_);
-  abs_matrix_ = absolute_copy(matrix_.get());
-  abs_of_v_ = absolute_copy(of_v_.get());
-  abs_of_q_ = absolute_copy(of_q_.get());
+  rows_ = AffineRows(matrix_.get());
+  if (dual_) abs_matrix_ = absolute_copy(matrix_.get());
+  of_v_ = AffineRows(scaled(1.0, -h_ * rest, -h_ * h_ * theta_ * rest).get());
+  of_q_ = AffineRows(scaled({}, {}, -h_).get());
 }
 
 bool LinearMoreauJean::set_step(double h) {
@@ -208,30 +210,21 @@ void LinearMoreauJean::find_theta_forces(const std::vector<Forcing::Entry>& entr
 
 void LinearMoreauJean::find_rhs(const Step& step) {
   if (system_.f.varies) find_theta_forces(system_.f.varying, step, theta_forces_.get());
-  check(VecSet(rhs_.get(), 0.0));
-  check(VecSet(rhs_terms_.get(), 0.0));
-  const auto add_product = [&](Mat matrix, Vec x, const Vector& sum) {
-    check(MatMult(matrix, x, part_.get()));
-    const ReadArray product(part_.get());
-    const WriteArray values(sum.get());
-    for (PetscInt j = 0; j < local_; ++j)
-      values[j] += product[j];
-  };
-  add_product(of_v_.get(), v_.get(), rhs_);
-  add_product(of_q_.get(), q_.get(), rhs_);
-  absolute_values(v_.get(), abs_.get());
-  add_product(abs_of_v_.get(), abs_.get(), rhs_terms_);
-  absolute_values(q_.get(), abs_.get());
-  add_product(abs_of_q_.get(), abs_.get(), rhs_terms_);
-  const ReadArray constant(forces_.get());
-  const ReadArray varying(theta_forces_.get());
-  const ReadArray scale(scale_.get());
-  const WriteArray rhs(rhs_.get());
-  const WriteArray terms(rhs_terms_.get());
-  for (PetscInt j = 0; j < local_; ++j) {
-    rhs[j] += h_ * scale[j] * (constant[j] + varying[j]);
-    terms[j] += h_ * scale[j] * (std::abs(constant[j]) + std::abs(varying[j]));
+  {
+    const ReadArray constant(forces_.get());
+    const ReadArray varying(theta_forces_.get());
+    const ReadArray scale(scale_.get());
+    const WriteArray rhs(rhs_.get());
+    const WriteArray terms(rhs_terms_.get());
+    for (PetscInt j = 0; j < local_; ++j) {
+      rhs[j] = h_ * scale[j] * (constant[j] + varying[j]);
+      terms[j] = h_ * scale[j] * (std::abs(constant[j]) + std::abs(varying[j]));
+    }
+    std::fill(rhs.data() + local_, rhs.data() + rhs.size(), 0.0);
+    std::fill(terms.data() + local_, terms.data() + terms.size(), 0.0);
   }
+  of_v_.add_product(v_.get(), rhs_.get(), rhs_terms_.get());
+  of_q_.add_product(q_.get(), rhs_.get(), rhs_terms_.get());
 }
 
 void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
@@ -286,8 +279,7 @@ void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) 
 
 // F before rows are pinned: on those of constraints H v_{k+1} + e H v_k, whether detected or not.
 void LinearMoreauJean::evaluate(Vec u, Vec f) {
-  check(MatMult(matrix_.get(), u, f));
-  check(VecAXPY(f, -1.0, rhs_.get()));
+  rows_.residual(u, rhs_.get(), f);
 }
 
 void LinearMoreauJean::residual(Vec u, Vec f) {
@@ -305,10 +297,13 @@ void LinearMoreauJean::residual(Vec u, Vec f) {
 // their rounding, as far as it goes with the velocities that came in: in a stack that is hit, nothing else is
 // left.
 void LinearMoreauJean::row_terms(Vec u, Vec terms) {
+  if (!dual_) {
+    rows_.terms(u, rhs_terms_.get(), terms);
+    return;
+  }
   absolute_values(u, work_.get());
-  if (dual_) take_pushes(work_.get(), abs_nu_.get());
+  take_pushes(work_.get(), abs_nu_.get());
   check(MatMultAdd(abs_matrix_.get(), work_.get(), rhs_terms_.get(), terms));
-  if (!dual_) return;
   check(VecCopy(u, work_.get()));
   take_pushes(work_.get(), nu_.get());
   check(MatMult(pushes_.get(), nu_.get(), part_.get()));
@@ -354,14 +349,41 @@ void LinearMoreauJean::jacobian(Vec, Mat jacobian) {
   check(MatZeroRows(jacobian, static_cast<PetscInt>(rows.size()), rows.data(), 1.0, nullptr, nullptr));
 }
 
+void LinearMoreauJean::residual_and_terms(Vec u, Vec f, Vec terms) {
+  if (dual_) {
+    Dvi::residual_and_terms(u, f, terms);
+  } else {
+    rows_.evaluate(u, rhs_.get(), rhs_terms_.get(), f, terms);
+  }
+}
+
 void LinearMoreauJean::settle(Vec u) {
   row_terms(u, known_.get());
   if (dual_) evaluate(u, work_.get());
-  const ReadArray scale(known_.get());
+  put_held(u, known_.get());
+}
+
+void LinearMoreauJean::settle_and_judge(Vec u, Vec f, Vec terms) {
+  if (dual_) {
+    Dvi::settle_and_judge(u, f, terms);
+    return;
+  }
+  residual_and_terms(u, f, terms);
+  int moved = put_held(u, terms) ? 1 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm());
+  if (moved != 0) residual_and_terms(u, f, terms);
+}
+
+// By the terms of each row; primal-dual by F before rows are pinned, too, which is in work_. Says whether
+// anything moved.
+bool LinearMoreauJean::put_held(Vec u, Vec terms) const {
+  bool moved = false;
+  const ReadArray scale(terms);
   const ReadArray f(work_.get());
   const WriteArray values(u);
   for (std::size_t a = 0; a < contacts_.size(); ++a) {
     double& value = values[row(a)];
+    const double before = value;
     if (!dual_) {
       const double bound = contacts_.rebound(a) / weight_[a];
       if (contacts_.detected(a) && std::abs(value - bound) <= held_rtol * scale[row(a)]) value = bound;
@@ -369,7 +391,9 @@ void LinearMoreauJean::settle(Vec u) {
       const bool open = f[row(a)] > value && f[row(a)] > held_rtol * scale[row(a)];
       if (pinned(a) || value < 0.0 || open) value = 0.0;
     }
+    moved = moved || value != before;
   }
+  return moved;
 }
 
 // M is positive definite: what can go wrong is that no velocity suits all constraints that are closed.
@@ -400,18 +424,24 @@ std::string LinearMoreauJean::diagnosis() {
                      fmt::join(contradiction->faces, ", "));
 }
 
-void LinearMoreauJean::accept(Vec u, Vec) {
+void LinearMoreauJean::accept(Vec u, Vec f) {
   find_increments(u);
-  row_terms(u, known_.get());
-  evaluate(u, work_.get());
+  if (dual_) {
+    row_terms(u, known_.get());
+    evaluate(u, work_.get());  // F before rows are pinned
+  }
+  const double* others = dual_ ? nullptr : rows_.ghosts(u);
   {
     const ReadArray terms(known_.get());
-    const ReadArray residual(work_.get());
+    const ReadArray rhs_terms(rhs_terms_.get());
+    const ReadArray residual(dual_ ? work_.get() : f);
     const ReadArray values(u);
     const ReadArray scale(scale_.get());
     for (std::size_t a = 0; a < contacts_.size(); ++a) {
       const PetscInt i = row(a);
-      const double noise = held_rtol * terms[i];
+      const double noise = !contacts_.detected(a) ? 0.0  // not asked for
+                           : dual_                ? held_rtol * terms[i]
+                                   : held_rtol * (rhs_terms[i] + rows_.terms_of(i, values.data(), others));
       const double old = contacts_.velocity[a];
       const double rebound = contacts_.rebound(a);
       bool holds = contacts_.detected(a);

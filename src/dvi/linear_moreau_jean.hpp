@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "dvi/moreau_jean.hpp"
+#include "petsc/affine_rows.hpp"
 
 namespace sweepvi {
 
@@ -28,6 +29,11 @@ public:
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
+  void residual_and_terms(Vec u, Vec f, Vec terms) override;
+  void settle_and_judge(Vec u, Vec f, Vec terms) override;
+  AffineStep affine() const override {
+    return dual_ ? AffineStep{} : AffineStep{&rows_, rhs_.get(), &blocks_};
+  }
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }
   Degenerate degenerate() const override { return dual_ ? Degenerate::off_bound : Degenerate::at_bound; }
@@ -48,6 +54,7 @@ private:
   void find_rhs(const Step& step);
   void find_theta_forces(const std::vector<Forcing::Entry>& entries, const Step& step, Vec forces) const;
   void evaluate(Vec u, Vec f);
+  bool put_held(Vec u, Vec terms) const;
   void account();
   PetscInt row(std::size_t a) const { return dual_ ? local_ + static_cast<PetscInt>(a) : place_[a]; }
   bool pinned(std::size_t a) const { return dual_ && !contacts_.detected(a); }
@@ -58,9 +65,12 @@ private:
   std::vector<double> delta_;                      // per constraint, primal-dual
   std::vector<PetscInt> place_;                    // per constraint, box on v: its coordinate
   std::vector<double> weight_;                     // H there
-  Matrix matrix_, abs_matrix_;                     // dF/du, no row pinned
-  Matrix of_v_, abs_of_v_;                         // d^-1 (M - h (1-theta) C - h^2 theta (1-theta) K)
-  Matrix of_q_, abs_of_q_;                         // -h d^-1 K
+  Matrix matrix_;                                  // dF/du, no row pinned
+  Matrix abs_matrix_;                              // primal-dual
+  AffineRows rows_;                                // of matrix_
+  std::vector<PetscInt> blocks_;                   // of each unknown, box on v
+  AffineRows of_v_;                                // d^-1 (M - h (1-theta) C - h^2 theta (1-theta) K)
+  AffineRows of_q_;                                // -h d^-1 K
   Matrix circulatory_;                             // (K - K') / 2, or empty
   Matrix pushes_, abs_pushes_;                     // d^-1 H' delta^-1, primal-dual
   Vector nu_, abs_nu_;                             // multipliers alone, primal-dual

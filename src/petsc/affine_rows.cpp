@@ -146,6 +146,27 @@ void AffineRows::evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const {
                        right_terms.data(), result.data(), size_of.data());
 }
 
+void AffineRows::add_product(Vec u, Vec sum, Vec terms) const {
+  const double* others = ghosts(u);
+  const ReadArray own(u);
+  const WriteArray result(sum);
+  const WriteArray size_of(terms);
+  for (PetscInt i = 0; i < size(); ++i) {
+    double row_sum = 0.0;
+    double row_size = 0.0;
+    for (auto k = static_cast<std::size_t>(starts_[static_cast<std::size_t>(i)]),
+              last = static_cast<std::size_t>(starts_[static_cast<std::size_t>(i) + 1]);
+         k < last; ++k) {
+      const PetscInt column = columns_[k];
+      const double product = values_[k] * (column < size() ? own[column] : others[column - size()]);
+      row_sum += product;
+      row_size += std::abs(product);
+    }
+    result[i] += row_sum;
+    size_of[i] += row_size;
+  }
+}
+
 double AffineRows::terms_of(PetscInt row, const double* own, const double* others) const {
   const auto i = static_cast<std::size_t>(row);
   double sum = 0.0;

@@ -23,6 +23,8 @@ public:
   /// Both.
   void evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const;
 
+  /// sum += K u, terms += |K| |u|
+  void add_product(Vec u, Vec sum, Vec terms) const;
   /// |K| |u| in one row. @note Not collective.
   double terms_of(PetscInt row, const double* own, const double* others) const;
 
