@@ -332,7 +332,7 @@ class Compare(unittest.TestCase):
             self.addCleanup((self.runs / f"table{i}.csv").unlink)
         self.refused([(message, ["coarse.h5", f"table{i}.csv"], 1) for i, (_, message) in enumerate(tables)])
         table = self.runs / "table.csv"
-        table.write_text("t, a, b, c, d, e\r\n0, 1, 0, 0, 0, 0\r\n\r\n")
+        table.write_text("t, a, b, c, d, e\r\n0, +1, 0, 1e-400, 0, 0\r\n\r\n")
         self.assertEqual(self.numbers("coarse.h5", "table.csv")["final"], 0.0)
         table.unlink()
 
