@@ -18,6 +18,7 @@ namespace {
 constexpr int most_terms = 40;
 constexpr int decisive_terms = 8;   // derivatives that may say whether a contact is left
 constexpr double tie = 1e-12;       // a derivative that is this small, relative to its terms, is zero
+constexpr double lost = 1e-16;      // by rounding of a sum, relative to its largest term
 constexpr double together = 1e-13;  // events so close, relative to the time, are one
 
 std::vector<double> values_of(Vec vector) {
@@ -87,6 +88,8 @@ bool SmoothFlow::start(double t, Vec x, const std::vector<double>& z, bool conti
   if (X_.empty()) X_.push_back(duplicate(x));
   check(VecCopy(x, X_[0].get()));
   norms_.assign(1, norm(x));
+  pushes_.assign(1, 0.0);
+  shifts_.assign(1, 0.0);
   w_.assign(1, std::vector<double>(constraints(), 0.0));
   lambda_.clear();
   known_ = 1;
@@ -260,11 +263,14 @@ bool SmoothFlow::next() {
   const Vec x = X_[static_cast<std::size_t>(k)].get();
   check(MatMult(system_.A.get(), x, rate_.get()));
   if (system_.f.any) system_.f.add_to(rate_.get(), t_, k, 1.0 / factorial(k));
+  pushes_.push_back(0.0);
   if (any_contact_) {
     find_acceleration(k);
     if (undecided_ && !decide(k)) return false;
     if (!find_multipliers()) return false;
-    check(MatMultAdd(system_.B.get(), lambda_now_.get(), rate_.get(), rate_.get()));
+    check(MatMult(system_.B.get(), lambda_now_.get(), work_.get()));
+    check(VecAXPY(rate_.get(), 1.0, work_.get()));
+    pushes_.back() = norm(work_.get()) / static_cast<double>(known_);
     lambda_.push_back(values_of(lambda_now_.get()));
   }
   if (X_.size() <= static_cast<std::size_t>(known_)) X_.push_back(duplicate(x));
@@ -272,7 +278,13 @@ bool SmoothFlow::next() {
   check(VecCopy(rate_.get(), term));
   check(VecScale(term, 1.0 / static_cast<double>(known_)));
   check(MatMult(system_.C.get(), term, w_now_.get()));
-  if (offset_ != nullptr) offset_->add_to(w_now_.get(), t_, known_, 1.0 / factorial(known_));
+  shifts_.push_back(0.0);
+  if (offset_ != nullptr) {
+    check(VecSet(a_.get(), 0.0));
+    offset_->add_to(a_.get(), t_, known_, 1.0 / factorial(known_));
+    check(VecAXPY(w_now_.get(), 1.0, a_.get()));
+    shifts_.back() = norm(a_.get());
+  }
   w_.push_back(values_of(w_now_.get()));
   for (std::size_t a = 0; a < constraints(); ++a)
     if (known_ < levels(a)) w_.back()[a] = z_[at(a, known_ + 1)] / factorial(known_);
@@ -281,24 +293,51 @@ bool SmoothFlow::next() {
   return true;
 }
 
+// What a term may be over this length and be left out: the error allowed, or rounding of the largest term. A
+// state that rests in contact is 0 for as long as it does, and begins to grow with a power of tau when it is
+// let go.
+double SmoothFlow::negligible(const std::vector<double>& terms, double length, double rate) const {
+  double largest = 0.0, power = 1.0;
+  for (const double term : terms) {
+    largest = std::max(largest, term * power);
+    power *= length;
+  }
+  return std::max(rate * length * std::max(norms_[0], norms_[1] * length), lost * largest);
+}
+
+// Two terms in a row: signals may have only odd ones.
+bool SmoothFlow::has_converged(double length, double rate) const {
+  for (const std::vector<double>* terms : {&norms_, &pushes_, &shifts_}) {
+    const double small = negligible(*terms, length, rate);
+    for (auto k = static_cast<std::size_t>(known_ - 2); k < static_cast<std::size_t>(known_); ++k)
+      if (!((*terms)[k] * std::pow(length, k) <= small)) return false;
+  }
+  return true;
+}
+
 std::optional<double> SmoothFlow::expand(double length, double rate) {
   const int least = std::max(4, degree_.highest + 2);
   while (true) {
-    const auto last = static_cast<std::size_t>(known_ - 1);
-    if (!std::isfinite(norms_[last])) return std::nullopt;
-    const double size = known_ > 1 ? std::max(norms_[0], norms_[1] * length) : norms_[0];
-    if (known_ > least && norms_[last] * std::pow(length, last) <= rate * length * size &&
-        norms_[last - 1] * std::pow(length, last - 1) <= rate * length * size)
-      return length;
+    if (!std::isfinite(norms_[static_cast<std::size_t>(known_ - 1)])) return std::nullopt;
+    if (known_ > least && has_converged(length, rate)) return length;
     if (known_ == most_terms) break;
     if (!next()) return std::nullopt;
   }
-  for (std::size_t k = most_terms - 2; k < most_terms; ++k) {
-    const double size = std::max(norms_[0], norms_[1] * length);
-    if (norms_[k] > 0.0)
-      length = std::min(length, 0.9 * std::pow(rate * size / norms_[k], 1.0 / static_cast<double>(k - 1)));
-  }
+  for (const std::vector<double>* terms : {&norms_, &pushes_, &shifts_})
+    for (std::size_t k = most_terms - 2; k < most_terms; ++k)
+      length = std::min(length, 0.9 * convergent_length(*terms, k, length, rate));
   return length;
+}
+
+// Over which term k is negligible.
+double SmoothFlow::convergent_length(const std::vector<double>& terms, std::size_t k, double length,
+                                     double rate) const {
+  if (terms[k] == 0.0) return PETSC_INFINITY;
+  const double size = std::max(norms_[0], norms_[1] * length);
+  double longest = std::pow(rate * size / terms[k], 1.0 / static_cast<double>(k - 1));
+  for (std::size_t j = 0; j + 2 < most_terms; ++j)
+    longest = std::max(longest, std::pow(lost * terms[j] / terms[k], 1.0 / static_cast<double>(k - j)));
+  return longest;
 }
 
 // The distance from a wall: coefficients that are 0 in exact arithmetic are exactly so.

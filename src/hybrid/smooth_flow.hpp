@@ -32,7 +32,8 @@ public:
   /// @param continues  the state is where the last series led, without an event: contact is as it was
   bool start(double t, Vec x, const std::vector<double>& z, bool continues);
 
-  /// Takes terms until they have converged over `length`, or over as much of it as there are terms for.
+  /// Takes terms until they have converged over `length`, or over as much of it as there are terms for: those
+  /// of x, and those of multipliers and bounds, which may move while x does not.
   /// @param rate  error that is allowed in a second, relative to the size of x [1/s]
   /// @return the length over which the series holds; none if it could not be found
   std::optional<double> expand(double length, double rate);
@@ -57,6 +58,9 @@ public:
 
 private:
   bool next();
+  bool has_converged(double length, double rate) const;
+  double negligible(const std::vector<double>& terms, double length, double rate) const;
+  double convergent_length(const std::vector<double>& terms, std::size_t k, double length, double rate) const;
   void find_acceleration(int k);
   void find_terms(int k);
   bool decide(int k);
@@ -93,6 +97,8 @@ private:
   std::vector<std::vector<double>> w_;       // [k][constraint]
   std::vector<std::vector<double>> lambda_;  // [k][constraint]
   std::vector<double> norms_;                // |X_k|
+  std::vector<double> pushes_;               // |B Lambda_{k-1}|/k: what contacts have in X_k
+  std::vector<double> shifts_;               // |offset^(k)|/k!: what moving bounds have in w_k
   int known_ = 0;                            // terms of X
   std::vector<double> z_;                    // at t
   std::vector<Side> contact_;

@@ -54,9 +54,17 @@ Hdf5Object open_hdf5_object(hid_t file, const std::string& path, const std::stri
   return object;
 }
 
-std::string text_attribute(hid_t object, const char* name) {
+Hdf5Attribute single_attribute(hid_t object, const char* name) {
   if (H5Aexists(object, name) <= 0) return {};
-  const Hdf5Attribute attribute(H5Aopen(object, name, H5P_DEFAULT));
+  Hdf5Attribute attribute(H5Aopen(object, name, H5P_DEFAULT));
+  const Hdf5Space space(attribute ? H5Aget_space(attribute.get()) : H5I_INVALID_HID);
+  if (!space || H5Sget_simple_extent_npoints(space.get()) != 1) return {};
+  return attribute;
+}
+
+std::string text_attribute(hid_t object, const char* name) {
+  const Hdf5Attribute attribute = single_attribute(object, name);
+  if (!attribute) return {};
   const Hdf5Type type(H5Aget_type(attribute.get()));
   std::string text;
   if (H5Tis_variable_str(type.get()) > 0) {

@@ -19,6 +19,8 @@ Hdf5File open_hdf5(const std::string& path);
 Hdf5Object open_hdf5_object(hid_t file, const std::string& path, const std::string& name);
 
 std::vector<hsize_t> shape_of(hid_t space);
+/// An attribute of one value, the only kind for which a reader has room; empty if there is none.
+Hdf5Attribute single_attribute(hid_t object, const char* name);
 /// A short text; empty if there is none.
 std::string text_attribute(hid_t object, const char* name);
 

@@ -3,13 +3,13 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <optional>
 #include <string_view>
 
+#include "io/decimal.hpp"
 #include "io/matrix_file.hpp"
 #include "parallel/memory.hpp"
 #include "sweepvi/error.hpp"
@@ -101,20 +101,13 @@ public:
   }
 
   double number(bool integer) {
-    std::string_view found = word();
-    const std::string_view shown = found;
-    if (found.size() > 1 && found[0] == '+' && found[1] != '-')
-      found.remove_prefix(1);  // from_chars knows no plus
-    double value = 0;
-    const auto [end, code] = std::from_chars(found.data(), found.data() + found.size(), value);
-    if (found.empty() || code == std::errc::invalid_argument || end != found.data() + found.size())
-      refuse("a value should be a number, found " + (found.empty() ? "nothing" : quoted(shown)));
-    if (code == std::errc::result_out_of_range)
-      value = std::strtod(std::string(found).c_str(), nullptr);  // 1e-400: 0
-    if (!std::isfinite(value)) refuse("a value should be a finite number, found " + quoted(shown));
-    if (integer && value != std::trunc(value))
-      refuse("the first line says integer, found " + quoted(shown) + "; say real");
-    return value;
+    const std::string_view found = word();
+    const std::optional<double> value = decimal(found);
+    if (!value) refuse("a value should be a number, found " + (found.empty() ? "nothing" : quoted(found)));
+    if (!std::isfinite(*value)) refuse("a value should be a finite number, found " + quoted(found));
+    if (integer && *value != std::trunc(*value))
+      refuse("the first line says integer, found " + quoted(found) + "; say real");
+    return *value;
   }
 
   void end_of_line(std::string_view expected) {

@@ -50,10 +50,9 @@ bool has(hid_t file, const char* name) {
 /// Refuses what is not a finished or stopped run.
 void check_head(hid_t file, const std::string& path) {
   std::int64_t version = 0;
-  const Hdf5Attribute format(
-      H5Aexists(file, "format_version") > 0 ? H5Aopen(file, "format_version", H5P_DEFAULT) : H5I_INVALID_HID);
+  const Hdf5Attribute format = single_attribute(file, "format_version");
   if (!format || H5Aread(format.get(), H5T_NATIVE_INT64, &version) < 0)
-    throw InputError(path + " was not written by sweepvi: it has no attribute format_version");
+    throw InputError(path + " was not written by sweepvi: it has no number as attribute format_version");
   if (version != 1)
     throw InputError(path + " has format_version " + std::to_string(version) +
                      ", this program knows 1; use the version that wrote it");
@@ -94,11 +93,19 @@ std::vector<Event> events_of(const Dataset& dataset) {
   return events;
 }
 
+/// Refuses what has more or fewer rows than /t.
+void check_rows(const Dataset& dataset, std::size_t times) {
+  if (dataset.rows() != times)
+    throw InputError(dataset.where + " has " + shape_text(dataset.shape) + ", and /t " +
+                     std::to_string(times) + " rows; they should be equally many");
+}
+
 /// This rank's part of the rows, summed.
 MeasureSums sums_of(const Dataset& dataset, int rank, int ranks) {
   check_numbers(dataset.object.get(), dataset.where, false);
+  // Before anything is multiplied in 64 bits, which a dataset made of others may claim to exceed.
+  require_memory(8.0 * double(dataset.shape[1]) * double(dataset.shape[2]), dataset.where + ": a row takes");
   const hsize_t width = dataset.shape[1] * dataset.shape[2];
-  require_memory(8.0 * double(width), dataset.where + ": a row takes");
   MeasureSums result{static_cast<std::size_t>(dataset.shape[2]), std::vector<double>(width, 0.0)};
   const hsize_t rows = dataset.shape[0], n = hsize_t(ranks), r = hsize_t(rank);
   const hsize_t begin = rows / n * r + std::min(r, rows % n);
@@ -132,9 +139,7 @@ Recorded read_run(const std::string& path, const std::vector<std::int64_t>& colu
   std::vector<double> t = times_of({file.get(), path, "/t", 1});
   Dataset x(file.get(), path, "/x", 2);
   check_numbers(x.object.get(), x.where, false);
-  if (x.rows() != t.size())
-    throw InputError(x.where + " has " + shape_text(x.shape) + ", and /t " + std::to_string(t.size()) +
-                     " rows; they should be equally many");
+  check_rows(x, t.size());
   Recorded recorded;
   recorded.run = true;
   recorded.columns = static_cast<std::size_t>(x.shape[1]);
@@ -152,7 +157,11 @@ Recorded read_run(const std::string& path, const std::vector<std::int64_t>& colu
     recorded.elements = elements.read<std::int64_t>(H5T_NATIVE_INT64);
   }
   if (has(file.get(), "events")) recorded.events = events_of({file.get(), path, "/events", 1});
-  if (has(file.get(), "mu")) recorded.measures = sums_of({file.get(), path, "/mu", 3}, rank, ranks);
+  if (has(file.get(), "mu")) {
+    const Dataset mu(file.get(), path, "/mu", 3);
+    check_rows(mu, t.size());
+    recorded.measures = sums_of(mu, rank, ranks);
+  }
   recorded.trajectory = std::make_unique<RunTrajectory>(path, x.where, std::move(file), std::move(x.object),
                                                         std::move(t), wanted);
   return recorded;

@@ -1,9 +1,9 @@
 // A trajectory in comma-separated numbers.
-#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <string_view>
 
+#include "io/decimal.hpp"
 #include "io/recorded.hpp"
 #include "parallel/memory.hpp"
 #include "sweepvi/error.hpp"
@@ -29,11 +29,10 @@ std::vector<std::string_view> cells(std::string_view line) {
 }
 
 double number(std::string_view cell, const std::string& where) {
-  double value = NAN;
-  const auto [end, failure] = std::from_chars(cell.data(), cell.data() + cell.size(), value);
-  if (failure != std::errc() || end != cell.data() + cell.size() || !std::isfinite(value))
+  const std::optional<double> value = decimal(cell);
+  if (!value || !std::isfinite(*value))
     throw InputError(where + "'" + std::string(cell) + "' is not a finite number");
-  return value;
+  return *value;
 }
 
 }  // namespace

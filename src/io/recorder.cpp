@@ -153,7 +153,7 @@ void Recorder::load(const CheckpointData& data) {
 
 Recorder::UnderWay& Recorder::under_way() {
   if (under_way_) return *under_way_;
-  UnderWay& now = under_way_.emplace();
+  UnderWay& now = under_way_.emplace(UnderWay{});  // clang 14 takes no emplace() of a nested class
   for (const Column& column : columns_)
     now.sums.push_back(column.quantity.summed ? column.mine : std::vector<double>());
   now.iterations = iterations_;

@@ -264,8 +264,22 @@ class Compare(unittest.TestCase):
         def version(file):
             file.attrs["format_version"] = 2
 
+        def versions(file):
+            file.attrs["format_version"] = np.ones(1000, dtype="i8")
+
         def running(file):
             file.attrs["status"] = "running"
+
+        def more_measures(file):
+            mu = file["mu"][:]
+            del file["mu"]
+            file["mu"] = np.concatenate([mu, mu])
+
+        def beyond_64_bits(file):  # 4 numbers a row, said 64 bits
+            layout = h5py.VirtualLayout(shape=(len(file["t"]), 2**62 + 1, 4), dtype="f8")
+            layout[0, 0, 0:1] = h5py.VirtualSource("none.h5", "mu", shape=(1,))
+            del file["mu"]
+            file.create_virtual_dataset("mu", layout)
 
         def later(file):
             file["t"][:] += 11
@@ -279,6 +293,9 @@ class Compare(unittest.TestCase):
             (remove("t"), "/t is missing"),
             (cut, "/t 1000 rows; they should be equally many"),
             (version, "has format_version 2"),
+            (versions, "has no number as attribute format_version"),
+            (more_measures, "/mu has shape 2002 x 1 x 3, and /t 1001 rows"),
+            (beyond_64_bits, "/mu: a row takes at least"),
             (running, "is of a run that was not done"),
             (later, "they have no time in common"),
         ]
@@ -291,6 +308,12 @@ class Compare(unittest.TestCase):
         )
         without = self.copy("without.h5", remove("events"))
         self.assertIsNone(self.numbers("coarse.h5", without)["events"])
+
+        def many_words(file):
+            file.attrs["status"] = ["running"] * 1000
+
+        # No status of a run, but one more text than a reader has room for.
+        self.assertEqual(self.numbers("coarse.h5", self.copy("words.h5", many_words))["final"], 0.0)
 
     def test_bad_tables(self):
         tables = [
@@ -309,7 +332,7 @@ class Compare(unittest.TestCase):
             self.addCleanup((self.runs / f"table{i}.csv").unlink)
         self.refused([(message, ["coarse.h5", f"table{i}.csv"], 1) for i, (_, message) in enumerate(tables)])
         table = self.runs / "table.csv"
-        table.write_text("t, a, b, c, d, e\r\n0, 1, 0, 0, 0, 0\r\n\r\n")
+        table.write_text("t, a, b, c, d, e\r\n0, +1, 0, 1e-400, 0, 0\r\n\r\n")
         self.assertEqual(self.numbers("coarse.h5", "table.csv")["final"], 0.0)
         table.unlink()
 

@@ -49,6 +49,9 @@ TEST(Corpus, MatrixMarket) {
 TEST(Corpus, Hdf5) {
   replay("hdf5", hdf5);
 }
+TEST(Corpus, Recorded) {
+  replay("recorded", recorded);
+}
 
 // A dotted key makes a table for each of its words, and tables in tables are destroyed recursively.
 TEST(Corpus, DeepKeys) {

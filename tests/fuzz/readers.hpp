@@ -15,6 +15,7 @@
 
 #include "io/hdf5_handle.hpp"
 #include "io/matrix_file.hpp"
+#include "io/recorded.hpp"
 #include "io/scene.hpp"
 #include "sweepvi/error.hpp"
 
@@ -79,6 +80,26 @@ inline void verify(const SparseEntries& matrix) {
       last = matrix.columns[at];
     }
   }
+}
+
+/// What Recorded and Trajectory promise, entry by entry.
+inline void verify(const Recorded& recorded, std::size_t columns) {
+  Trajectory& trajectory = *recorded.trajectory;
+  expect(trajectory.rows() >= 1 && trajectory.rows() == trajectory.t().size(), "a trajectory without rows");
+  expect(trajectory.components() == columns, "a wrong number of columns");
+  double last = -INFINITY;
+  for (const double t : trajectory.t()) {
+    expect(std::isfinite(t) && t >= last, "times that decrease or are not finite");
+    last = t;
+  }
+  for (std::size_t k = 0; k < trajectory.rows(); ++k) {
+    const double* row = trajectory.row(k);
+    for (std::size_t i = 0; i < columns; ++i)
+      expect(std::isfinite(row[i]), "an entry that is not finite");
+  }
+  if (!recorded.measures) return;
+  expect(recorded.measures->levels >= 1 && !recorded.measures->sums.empty(), "measures without levels");
+  expect(recorded.measures->sums.size() % recorded.measures->levels == 0, "a constraint without all levels");
 }
 
 template <class Read>
@@ -152,6 +173,17 @@ inline void hdf5(const Folder& folder, std::string_view bytes) {
     refuse_or_read([&] { verify(read_hdf5_matrix(path, name)); });
     refuse_or_read([&] { read_hdf5_vector(path, name); });
   }
+}
+
+/// All columns, and the first alone. What does not begin like an HDF5 file is a table.
+inline void recorded(const Folder& folder, std::string_view bytes) {
+  const bool hdf5 = bytes.starts_with("\x89HDF");
+  const std::string path = folder.file(hdf5 ? "run.h5" : "run.csv", bytes);
+  refuse_or_read([&] {
+    const Recorded all = read_recorded(folder.comm(), path, {});
+    verify(all, all.columns);
+  });
+  refuse_or_read([&] { verify(read_recorded(folder.comm(), path, {0}), 1); });
 }
 
 }  // namespace sweepvi::fuzz

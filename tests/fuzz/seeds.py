@@ -127,6 +127,7 @@ HDF5_FORMS = {
     "sparse_root": lambda f: group(f, "/"),
     "columns": lambda f: group(f, "g", h5sparse_format="csc"),
     "columns_fixed": lambda f: group(f, "g", **{"encoding-type": np.bytes_("csc_matrix")}),
+    "format_in_words": lambda f: group(f, "g", h5sparse_format=["csc"] * 100),
     "link": lambda f: (f.create_dataset("B", data=DENSE), f.__setitem__("A", h5py.SoftLink("/B"))),
     "loop": lambda f: f.__setitem__("A", h5py.SoftLink("/A")),
     "other_file": lambda f: f.__setitem__("A", h5py.ExternalLink("m.h5", "A")),
@@ -142,13 +143,101 @@ def compact(file):
     h5py.h5d.create(file.id, b"A", h5py.h5t.IEEE_F64LE, space, properties).write(h5py.h5s.ALL, h5py.h5s.ALL, DENSE)
 
 
+# What `sweepvi run` writes of a ball that falls on a wall, or parts of it; and what looks like it.
+T = np.array([0.0, 0.5, 1.0, 1.5])
+X = np.array([[1.0, 0.0], [0.75, -0.5], [0.25, -1.0], [0.0, 0.0]])
+EVENT = np.dtype([("t", "f8"), ("constraint", "i8"), ("level", "i4"),
+                  ("kind", h5py.enum_dtype({"impact": 0, "liftoff": 1}, basetype="i4")), ("impulse", "f8")])
+
+
+def run(file, t=T, x=X, **other):
+    """The least that is read; a keyword replaces a dataset, or an attribute where it is one of those."""
+    content = {"format_version": 1, "status": "done", "t": t, "x": x, **other}
+    for name, value in content.items():
+        if name in ("format_version", "status"):
+            file.attrs[name] = value
+        elif isinstance(value, dict):
+            file.create_dataset(name, **value)
+        elif value is not None:
+            file[name] = value
+
+
+def whole_run(file):
+    grows = dict(chunks=(8, 2), maxshape=(None, 2))
+    run(file, t=dict(data=T, chunks=(8,), maxshape=(None,)), x=dict(data=X, **grows),
+        element=np.array([3, 5]), mu=np.arange(8.0).reshape(4, 1, 2),
+        events=np.array([(1.2, 0, 2, 0, 1.5), (1.3, 0, 1, 1, 0.0)], dtype=EVENT))
+    file["x"].attrs["names"] = ["q", "v"]
+    file["t"].make_scale("t")
+    file["x"].dims[0].attach_scale(file["t"])
+
+
+def claim(file, shape):
+    """A /mu made of other datasets, the only kind that may claim any shape."""
+    run(file)
+    layout = h5py.VirtualLayout(shape=shape, dtype="f8")
+    layout[0, 0, 0:1] = h5py.VirtualSource("m.h5", "v", shape=(1,))
+    file.create_virtual_dataset("mu", layout, fillvalue=3.0)
+
+
+RUN_FORMS = {
+    "run": whole_run,
+    "run_least": run,
+    "run_gzip": lambda f: run(f, x=dict(data=X, chunks=(3, 1), compression="gzip", shuffle=True, fletcher32=True)),
+    "run_float32": lambda f: run(f, t=T.astype(">f4"), x=X.astype("i2")),
+    "run_one_row": lambda f: run(f, t=T[:1], x=X[:1], mu=np.zeros((1, 3, 4)), events=np.zeros(0, EVENT)),
+    "run_no_rows": lambda f: run(f, t=T[:0], x=X[:0]),
+    "run_backwards": lambda f: run(f, t=T[::-1]),
+    "run_nan": lambda f: run(f, x=np.where(X == 0.75, np.nan, X), mu=np.full((4, 1, 1), np.inf)),
+    "run_running": lambda f: run(f, status="running"),
+    "run_status_fixed": lambda f: run(f, status=np.bytes_("stopped")),
+    "run_status_list": lambda f: run(f, status=["done"] * 100),
+    "run_version_list": lambda f: run(f, format_version=np.ones(100, dtype="i8")),
+    "run_version_text": lambda f: run(f, format_version="1"),
+    "run_version_2": lambda f: run(f, format_version=2),
+    "run_no_version": lambda f: f.create_dataset("x", data=X),
+    "run_short_x": lambda f: run(f, x=X[:2]),
+    "run_no_columns": lambda f: run(f, x=X[:, :0]),
+    "run_no_x": lambda f: run(f, x=None),
+    "run_group_x": lambda f: run(f, **{"x": None, "x/y": X}),
+    "run_events_numbers": lambda f: run(f, events=T),
+    "run_events_float_kind": lambda f: run(f, events=np.zeros(2, [("t", "f4"), ("constraint", "i2"), ("level", "u1"),
+                                                                  ("kind", "f4"), ("impulse", "i8")])),
+    "run_mu_never_written": lambda f: run(f, mu=dict(shape=(4, 2, 3), dtype="f8", chunks=(1, 1, 1), fillvalue=2.0)),
+    "run_elsewhere": lambda f: run(f, x=dict(shape=(4, 2), dtype="f8", external=[("m.h5", 0, 64)])),
+    "run_no_width_in_64_bits": lambda f: claim(f, (4, 2**62, 4)),
+    "run_width_beyond_64_bits": lambda f: claim(f, (4, 2**62 + 1, 4)),
+    "run_endless_mu": lambda f: claim(f, (2**62, 1, 1)),
+}
+
+TABLE_FORMS = {
+    "table": "t,q,v\n0,1,0\n0.5,0.75,-0.5\n0.5,0.75,+5e-1\n",
+    "table_spaces": " t ,\tq\r\n\r\n0 , 1\r\n1e-3 ,2.5E+2 \r\n",
+    "table_no_end": "t,q\n0,-1",
+    "table_empty_name": "t,\n0,1\n",
+    "table_no_rows": "t,q\n",
+    "table_no_columns": "t\n0\n",
+    "table_no_head": "0,1\n1,2\n",
+    "table_nan": "t,q\n0,nan\n1,inf\n",
+    "table_overflow": "t,q\n0,1e999\n",
+    "table_underflow": "t,q\n0,1e-999\n",
+    "table_backwards": "t,q\n1,0\n0,0\n",
+    "table_short_line": "t,q,v\n0,1\n",
+    "table_long_line": "t,q\n0,1,2\n",
+    "table_no_number": "t,q\n0,0x1p3\n",
+    "table_quotes": 't,"q, [m]"\n0,1\n',
+    "table_nul": "t,q\n0,1\0\n",
+    "table_marked": "\ufefft,q\n0,1\n",
+}
+
+
 def texts(folder, forms):
     for name, text in forms.items():
         (folder / name).write_text(text)
 
 
 def main():
-    folders = {name: Path(sys.argv[1]) / name for name in ("scene", "problem", "matrix_market", "hdf5")}
+    folders = {name: Path(sys.argv[1]) / name for name in ("scene", "problem", "matrix_market", "hdf5", "recorded")}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
     texts(folders["scene"], SCENE_FORMS)
@@ -160,10 +249,12 @@ def main():
     for path in [*EXAMPLES.rglob("*.mtx"), *(TESTS / "scenes").rglob("*.mtx")]:
         if path.stat().st_size < 2000:
             shutil.copy(path, folders["matrix_market"] / f"{path.parent.name}_{path.stem}")
-    for name, fill in HDF5_FORMS.items():
-        for version in ("earliest", "latest"):
-            with h5py.File(folders["hdf5"] / f"{name}_{version}", "w", libver=(version, "latest")) as file:
-                fill(file)
+    texts(folders["recorded"], TABLE_FORMS)
+    for reader, forms in (("hdf5", HDF5_FORMS), ("recorded", RUN_FORMS)):
+        for name, fill in forms.items():
+            for version in ("earliest", "latest"):
+                with h5py.File(folders[reader] / f"{name}_{version}", "w", libver=(version, "latest")) as file:
+                    fill(file)
 
 
 if __name__ == "__main__":

@@ -111,6 +111,21 @@ class Hybrid(unittest.TestCase):
             self.assertLessEqual(errors[-1], 10.0 * tolerance)  # growth 1.9 a cycle, |x| up to 3
         self.assertLess(errors[-1], 1e-4 * errors[0] + 1e-9)
 
+    def test_events_of_what_rests(self):
+        """A state that rests is exact whatever is left out of its series; what ends its rest is not. x'' = f + lambda with
+        f = 3 sin(pi t/2) - 2 in contact, let go at f = 0; a point met by its bound 2 sin(pi t/2) - 1/2."""
+        wave = "amplitude = 3, frequency = 0.25, phase = 0"
+        held = f"A = [[0, 1], [0, 0]]\nB = [[0], [1]]\nC = [[1, 0]]\nx0 = [0, 0]\nf = [0, {{offset = -2, {wave}}}]\n"
+        met = "u0 = [0]\nlower = [{offset = -0.5, amplitude = 2, frequency = 0.25, phase = 0}]\n"
+        for kind, keys, event in (("linear", held, np.arcsin(2 / 3)), ("sweeping", met, np.arcsin(1 / 4))):
+            scene = self.path / f"{kind}.toml"
+            scene.write_text(f'[time]\nend = 0.9\nstep = 0.9\nscheme = "hybrid"\n[model]\nkind = "{kind}"\n{keys}')
+            for step in (0.9, 0.3, 0.01):
+                with self.subTest(kind, step=step), self.run_scene(scene, time__step=step) as file:
+                    # Rounding of the series at the root, over the slope there, which is above 1.
+                    np.testing.assert_allclose([t for t, _, _ in self.events(file)], [event / (np.pi / 2)], rtol=0, atol=1e-13)
+                self.assertEqual(self.summary["hybrid"]["steps"], 0)
+
     # Accumulation -------------------------------------------------------------------------------------
 
     def bounces(self, height, velocity, gravity, e):
