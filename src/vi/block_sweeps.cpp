@@ -97,6 +97,24 @@ BlockSweeps::BlockSweeps(MPI_Comm comm, const AffineRows& rows, const std::vecto
       count_(rows.size()) {
   rate_ = find_blocks(rows, block) ? contraction() : HUGE_VAL;
   MPI_Allreduce(MPI_IN_PLACE, &rate_, 1, MPI_DOUBLE, MPI_MAX, comm);
+  if (worthwhile()) find_scalars();
+}
+
+void BlockSweeps::find_scalars() {
+  int all = 1;
+  for (const Kind& kind : kinds_)
+    if (kind.size != 1 || !(kind.matrix[0] > 0.0)) all = 0;
+  MPI_Allreduce(MPI_IN_PLACE, &all, 1, MPI_INT, MPI_LAND, comm_);
+  scalars_ = all != 0;
+  if (!scalars_) return;
+  for (std::size_t e = 0; e + 1 < blocks_.size(); ++e)
+    inverse_diagonal_.push_back(1.0 / kinds_[static_cast<std::size_t>(blocks_[e].kind)].matrix[0]);
+  blocks_ = {};  // K is all that is needed
+  reading_ = {};
+  entries_ = {};
+  read_.assign(static_cast<std::size_t>(count_), 0.0);
+  inverses_ = {};
+  active_ = {};
 }
 
 bool BlockSweeps::find_blocks(const AffineRows& rows, const std::vector<PetscInt>& block) {
@@ -345,6 +363,7 @@ double BlockSweeps::next_sweep(double* u, const double* others) {
 }
 
 void BlockSweeps::refine(Vec u, Vec f) {
+  if (scalars_) return;  // each of their sweeps does that
   std::array<double, largest_block> residual{}, by{};
   const WriteArray x(u);
   const ReadArray off(f);
@@ -359,7 +378,51 @@ void BlockSweeps::refine(Vec u, Vec f) {
   }
 }
 
+// From u to `next`: without what a row reads of this sweep's own, which one unknown after the other would
+// wait for. Returns the largest change of an unknown over what its row is made of.
+double BlockSweeps::scalar_sweep(const double* u, const double* b, const double* lower, const double* upper,
+                                 const double* others, double* next) const {
+  const PetscInt* starts = rows_.starts().data();
+  const PetscInt* columns = rows_.columns().data();
+  const double* values = rows_.values().data();
+  double change = 0.0;
+  for (PetscInt i = 0; i < count_; ++i) {
+    double sum = b[i];
+    double size = std::abs(b[i]);
+    for (PetscInt k = starts[i]; k < starts[i + 1]; ++k) {
+      const PetscInt column = columns[k];
+      const double term = values[k] * (column < count_ ? u[column] : others[column - count_]);
+      sum -= term;
+      size += std::abs(term);
+    }
+    const double by = inverse_diagonal_[static_cast<std::size_t>(i)];
+    next[i] = std::min(std::max(u[i] + sum * by, lower[i]), upper[i]);
+    const double moved = std::abs(next[i] - u[i]);
+    if (moved > change * size * by) change = moved / (size * by);
+  }
+  return change;
+}
+
+bool BlockSweeps::solve_scalars(Vec u, Vec b, Vec lower, Vec upper) {
+  const ReadArray right(b);
+  const ReadArray l(lower);
+  const ReadArray h(upper);
+  for (int sweep = 0; sweep < most_sweeps; ++sweep) {
+    const double* others = rows_.ghosts(u);
+    double change = 0.0;
+    {
+      const WriteArray x(u);
+      change = scalar_sweep(x.data(), right.data(), l.data(), h.data(), others, read_.data());
+      std::copy(read_.begin(), read_.end(), x.data());
+    }
+    MPI_Allreduce(MPI_IN_PLACE, &change, 1, MPI_DOUBLE, MPI_MAX, comm_);
+    if (change * rate_ <= settled) break;
+  }
+  return true;
+}
+
 bool BlockSweeps::solve(Vec u, Vec b, Vec lower, Vec upper) {
+  if (scalars_) return solve_scalars(u, b, lower, upper);
   {
     const double* others = rows_.ghosts(u);
     const WriteArray x(u);

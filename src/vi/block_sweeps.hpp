@@ -59,6 +59,10 @@ private:
     double value;
   };
 
+  bool solve_scalars(Vec u, Vec b, Vec lower, Vec upper);
+  double scalar_sweep(const double* u, const double* b, const double* lower, const double* upper,
+                      const double* others, double* next) const;
+  void find_scalars();
   bool find_blocks(const AffineRows& rows, const std::vector<PetscInt>& block);
   double contraction();
   const double* inverse_of(Kind& kind, Mask active);
@@ -71,14 +75,16 @@ private:
 
   MPI_Comm comm_;
   const AffineRows& rows_;
-  double slack_;        // of degenerate rows, over their terms
-  double rate_ = 0.0;   // contraction of a sweep
-  PetscInt count_ = 0;  // unknowns
+  double slack_;                          // of degenerate rows, over their terms
+  double rate_ = 0.0;                     // contraction of a sweep
+  PetscInt count_ = 0;                    // unknowns
+  bool scalars_ = false;                  // each unknown is a block, on all ranks: projected Jacobi
+  std::vector<double> inverse_diagonal_;  // then
   std::vector<Kind> kinds_;
   std::vector<Block> blocks_;        // and one more behind the last
   std::vector<ReadingRow> reading_;  // likewise
   std::vector<Entry> entries_;
-  std::vector<double> read_;             // by each reading row
+  std::vector<double> read_;             // by each reading row; where there are scalars: the next u
   std::vector<const double*> inverses_;  // of each block's set
   std::vector<Mask> active_;
 };
