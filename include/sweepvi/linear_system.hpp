@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@ struct Forcing {
   struct Entry {
     PetscInt local = 0;  ///< this rank's row, from 0
     Signal signal;
+    double sine = std::sin(signal.phase), cosine = std::cos(signal.phase);
   };
   std::vector<Entry> constant;  ///< signals that do not vary, this rank's rows
   std::vector<Entry> varying;   ///< this rank's rows
@@ -24,6 +26,8 @@ struct Forcing {
 
   /// y += factor * d^order f / dt^order at t. @note Not collective; y has the layout of x.
   void add_to(Vec y, double t, int order, double factor) const;
+  /// The same of those that vary, to this rank's entries.
+  void add_varying_to(double* y, double t, int order, double factor) const;
   /// The same with the largest value that each derivative ever has, which rounding of its value is relative
   /// to.
   void add_bound_to(Vec y, int order, double factor) const;

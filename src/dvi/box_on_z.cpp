@@ -102,6 +102,13 @@ Matrix BoxOnZ::create_jacobian() const {
 void BoxOnZ::find_c(const Step& step) {
   if (has_c_ && !forcing_.varies()) return;
   has_c_ = true;
+  if (forcing_.vanishes()) {  // so do g and the completion
+    check(VecSet(work_.get(), 0.0));
+    system_.f.add_to(work_.get(), step.t_new, 0, step.h * theta_);
+    if (old_rates_) system_.f.add_to(work_.get(), step.t_old, 0, step.h * (1.0 - theta_));
+    coordinates_.to_u(work_.get(), c_.get());
+    return;
+  }
   place_forcing(step.t_old, g_old_.get());
   check(VecCopy(g_outputs_.get(), g_outputs_old_.get()));
   place_forcing(step.t_new, g_.get());
@@ -218,8 +225,8 @@ void BoxOnZ::jacobian(Vec, Mat jacobian) {
 
 void BoxOnZ::accept(Vec u, Vec f) {
   take(u, f, relative_degree_.markov_diagonal);
-  check(VecWAXPY(work_.get(), -1.0, g_.get(), u));
-  coordinates_.to_x(work_.get(), x_.get());
+  if (!forcing_.vanishes()) check(VecWAXPY(work_.get(), -1.0, g_.get(), u));
+  coordinates_.to_x(forcing_.vanishes() ? u : work_.get(), x_.get());
 }
 
 // Other states are the same in u and in x, to the bit; outputs stand in u as they do in the levels.

@@ -198,18 +198,16 @@ Matrix LinearMoreauJean::create_jacobian() const {
   return jacobian;
 }
 
-// theta f(t_{k+1}) + (1 - theta) f(t_k) of these entries.
-void LinearMoreauJean::find_theta_forces(const std::vector<Forcing::Entry>& entries, const Step& step,
-                                         Vec forces) const {
-  const WriteArray values(forces);
+// theta f(t_{k+1}) + (1 - theta) f(t_k) of forces that vary.
+void LinearMoreauJean::find_theta_forces(const Step& step) {
+  const WriteArray values(theta_forces_.get());
   std::fill_n(values.data(), values.size(), 0.0);
-  for (const Forcing::Entry& entry : entries)
-    values[entry.local] +=
-        theta_ * entry.signal.value(step.t_new) + (1.0 - theta_) * entry.signal.value(step.t_old);
+  system_.f.add_varying_to(values.data(), step.t_new, 0, theta_);
+  if (theta_ != 1.0) system_.f.add_varying_to(values.data(), step.t_old, 0, 1.0 - theta_);
 }
 
 void LinearMoreauJean::find_rhs(const Step& step) {
-  if (system_.f.varies) find_theta_forces(system_.f.varying, step, theta_forces_.get());
+  if (system_.f.varies) find_theta_forces(step);
   {
     const ReadArray constant(forces_.get());
     const ReadArray varying(theta_forces_.get());

@@ -52,7 +52,7 @@ private:
   void take_pushes(Vec u, Vec nu) const;
   void find_places();
   void find_rhs(const Step& step);
-  void find_theta_forces(const std::vector<Forcing::Entry>& entries, const Step& step, Vec forces) const;
+  void find_theta_forces(const Step& step);
   void evaluate(Vec u, Vec f);
   bool put_held(Vec u, Vec terms) const;
   void account();

@@ -7,6 +7,30 @@ namespace sweepvi {
 OutputForcing::OutputForcing(const LinearSystem& system, const RelativeDegree& relative_degree)
     : system_(system), relative_degree_(relative_degree) {
   check(MatCreateVecs(relative_degree.Z.get(), f_.put(), image_.put()));
+  vanishes_ = find_whether_it_vanishes();
+}
+
+bool OutputForcing::find_whether_it_vanishes() {
+  check(VecSet(f_.get(), 0.0));
+  {
+    const WriteArray forced(f_.get());
+    for (const auto* entries : {&system_.f.constant, &system_.f.varying})
+      for (const Forcing::Entry& entry : *entries)
+        forced[entry.local] = 1.0;
+  }
+  check(MatMult(absolute_copy(relative_degree_.Z.get()).get(), f_.get(), image_.get()));
+  int seen = 0;
+  {
+    const ReadArray w0(system_.w0.get());
+    const ReadArray image(image_.get());
+    for (std::size_t a = 0; a < relative_degree_.degree.size(); ++a) {
+      if (w0[static_cast<PetscInt>(a)] != 0.0) seen = 1;
+      for (int i = 1; i < relative_degree_.degree[a]; ++i)
+        if (image[relative_degree_.first_level[a] + i - 1] != 0.0) seen = 1;
+    }
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &seen, 1, MPI_INT, MPI_LOR, system_.comm());
+  return seen == 0;
 }
 
 void OutputForcing::evaluate(double t, Vec g) {

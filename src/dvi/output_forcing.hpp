@@ -26,11 +26,16 @@ public:
   void remaining_rate(double t, int order, Vec rate);
 
   bool varies() const { return system_.f.varies; }
+  /// g is zero at all times: no offset, and no output but those of level r sees the forcing.
+  bool vanishes() const { return vanishes_; }
 
 private:
+  bool find_whether_it_vanishes();
+
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   Vector f_, image_;  // layouts of x and of the outputs
+  bool vanishes_ = false;
 };
 
 }  // namespace sweepvi

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <utility>
 
 #include "model/dense_parts.hpp"
@@ -28,8 +29,27 @@ void Forcing::add_to(Vec y, double t, int order, double factor) const {
   if (order == 0)
     for (const Entry& entry : constant)
       values[entry.local] += factor * entry.signal.value(t);
-  for (const Entry& entry : varying)
-    values[entry.local] += factor * entry.signal.value(t, order);
+  add_varying_to(values.data(), t, order, factor);
+}
+
+// Many entries share a frequency: sin(a + phase) = sin(a) cos(phase) + cos(a) sin(phase).
+void Forcing::add_varying_to(double* y, double t, int order, double factor) const {
+  double frequency = 0.0;  // of no entry that varies
+  double sine = 0.0;
+  double cosine = 0.0;
+  for (const Entry& entry : varying) {
+    const Signal& signal = entry.signal;
+    if (signal.frequency != frequency) {
+      frequency = signal.frequency;
+      const double omega = 2.0 * std::numbers::pi * frequency;
+      const double angle = omega * t + 0.5 * std::numbers::pi * (order % 4);
+      const double scale = std::pow(omega, order);
+      sine = scale * std::sin(angle);
+      cosine = scale * std::cos(angle);
+    }
+    const double wave = signal.amplitude * (sine * entry.cosine + cosine * entry.sine);
+    y[entry.local] += factor * (order == 0 ? signal.offset + wave : wave);
+  }
 }
 
 void Forcing::add_bound_to(Vec y, int order, double factor) const {
