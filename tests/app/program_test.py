@@ -302,7 +302,7 @@ class Files(InFolder):
     def test_summary(self):
         for ranks in (1, 2):
             with self.subTest(ranks=ranks):
-                arrays, _, summary = self.simulate(CHAIN, ranks=ranks)
+                arrays, _, summary = self.simulate(CHAIN, "-sweepvi_predictor", "active-set", ranks=ranks)
                 self.assertEqual(program.SUMMARY_KEYS - summary.keys(), set(), "keys are missing")
                 self.assertEqual((summary["exit"], summary["status"], summary["steps"]), (0, "done", 300))
                 self.assertEqual((summary["ranks"], summary["unknowns"], summary["constraints"]), (ranks, 25, 5))
@@ -319,6 +319,9 @@ class Files(InFolder):
                 for count in ("jacobian_nonzeros", "factorizations", "linear_solves", "peak_rss_bytes", "active_changes"):
                     self.assertGreater(summary[count], 0, count)
                 self.assertEqual(sum(summary["rungs"].values()), 300, "a rung for each step")
+                _, _, by_elements = self.simulate(CHAIN, ranks=ranks)
+                for count in ("factorizations", "linear_solves", "snes_iterations"):
+                    self.assertEqual(by_elements[count], 0, f"{count} of weakly coupled elements")
 
     def test_solve_summary(self):
         problem = self.write("[problem]\nM = [[2, 1], [0, 2]]\nq = [-1, 2]\n")
