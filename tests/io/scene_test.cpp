@@ -352,7 +352,7 @@ TEST_F(SceneTest, ComplaintsNameTheOverride) {
       {"time.start", "1", "expected more than time.start = 1 s"},
       {"time", "{start = 1e15, end = 1000000000000001, step = 0.01}", "is lost in the rounding"},
       {"time", "{start = -1.7e308, end = 1.7e308, step = 1}", "is too far from time.start"},
-      {"time.theta", "0.5", "--set time.theta=0.5: time.theta = 0.5 goes with moreau-jean"},
+      {"time.gamma", "0.5", "--set time.gamma=0.5: time.gamma = 0.5 goes with zhuravlev-ivanov"},
       {"time.theta", "2", "time.theta = 2 is outside (0, 1]"},
       {"time.gamma", "0.5", "time.gamma = 0.5 goes with zhuravlev-ivanov"},
       {"time.detection", "current", "time.detection goes with the scheme \"moreau-jean\""},
