@@ -5,6 +5,13 @@
 
 namespace sweepvi::app {
 
+std::int64_t count_constraints(const std::vector<StepEvent>& events) {
+  std::int64_t count = 0;
+  for (std::size_t i = 0; i < events.size(); ++i)
+    count += i == 0 || events[i].constraint != events[i - 1].constraint ? 1 : 0;
+  return count;
+}
+
 Scene load(MPI_Comm comm, const CommandLine& line) {
   Scene scene = read_scene(comm, line.scene, line.overrides);
   insert_scene_options(line, scene.petsc_options, scene.petsc_options_set);

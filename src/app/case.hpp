@@ -32,13 +32,16 @@ public:
   virtual std::string form() const = 0;
   virtual std::int64_t constraints() const = 0;        ///< as the scene counts them
   virtual std::int64_t edge_cut() const { return 0; }  ///< couplings between ranks
-  /// Whether some constraint of this rank was hit or released in the last step. @note Not collective.
-  virtual bool contact_changed() const = 0;
+  /// How many constraints of this rank were hit or released in the last step. @note Not collective.
+  virtual std::int64_t contact_changes() const = 0;
   /// Where the process's entities stand in the scene. @note Not collective.
   virtual StateOrder state_order() const = 0;
   /// What `check` has to say about the model; `unknowns` of a step in all.
   virtual Lines report(std::int64_t unknowns) const = 0;
 };
+
+/// How many constraints the events of a step are about: a constraint's follow each other.
+std::int64_t count_constraints(const std::vector<StepEvent>& events);
 
 /// Reads the scene that `line` names, and puts its solver options into the database.
 /// @throws Error (bad_input) on every rank.  @note Collective.

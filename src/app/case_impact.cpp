@@ -83,7 +83,7 @@ public:
   std::string form() const override { return "s, v and their signs"; }
   std::int64_t constraints() const override { return system_.constraints(); }
   std::int64_t edge_cut() const override { return system_.edge_cut; }
-  bool contact_changed() const override { return !dvi_->events().empty(); }
+  std::int64_t contact_changes() const override { return count_constraints(dvi_->events()); }
   StateOrder state_order() const override { return {{}, {system_.constraint_order, system_.constraints()}}; }
   Lines report(std::int64_t unknowns) const override;
 

@@ -55,7 +55,7 @@ public:
   std::string form() const override { return boxed_ ? "box on v" : "primal-dual"; }
   std::int64_t constraints() const override { return system_.constraints(); }
   std::int64_t edge_cut() const override { return system_.edge_cut; }
-  bool contact_changed() const override { return !dvi_->events().empty(); }
+  std::int64_t contact_changes() const override { return count_constraints(dvi_->events()); }
   StateOrder state_order() const override {
     return {{system_.coordinate_order, system_.coordinates()},
             {system_.constraint_order, system_.constraints()}};

@@ -91,9 +91,10 @@ public:
   std::string form() const override { return sweepvi::name_of(form_); }
   std::int64_t constraints() const override { return system_.scene_constraints(); }
   std::int64_t edge_cut() const override { return system_.edge_cut; }
-  bool contact_changed() const override {
-    return std::any_of(dvi_->events().begin(), dvi_->events().end(),
-                       [](const StepEvent& event) { return !event.impact || event.level == 1; });
+  std::int64_t contact_changes() const override {
+    std::vector<StepEvent> changes = dvi_->events();
+    std::erase_if(changes, [](const StepEvent& event) { return event.impact && event.level > 1; });
+    return count_constraints(changes);
   }
   StateOrder state_order() const override {
     return {{system_.state_order, system_.states()}, {system_.constraint_order, system_.scene_constraints()}};

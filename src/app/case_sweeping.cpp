@@ -26,7 +26,7 @@ public:
   std::string form() const override { return system_.is_box() ? "box on u" : "u and measures of faces"; }
   std::int64_t constraints() const override { return system_.constraints(); }
   std::int64_t edge_cut() const override { return system_.edge_cut; }
-  bool contact_changed() const override { return !dvi_->events().empty(); }
+  std::int64_t contact_changes() const override { return count_constraints(dvi_->events()); }
   StateOrder state_order() const override {
     const Places components{system_.state_order, system_.states()};
     if (system_.is_box()) return {components, components};

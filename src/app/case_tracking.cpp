@@ -33,7 +33,7 @@ public:
   Recording recording(const OutputSpec& output) const override;
   std::string form() const override { return "states and signs"; }
   std::int64_t constraints() const override { return 2; }
-  bool contact_changed() const override { return !dvi_->events().empty(); }
+  std::int64_t contact_changes() const override { return count_constraints(dvi_->events()); }
   StateOrder state_order() const override;
   Lines report(std::int64_t unknowns) const override;
 

@@ -18,8 +18,8 @@ namespace {
 
 struct VerbEntry {
   std::string name;
-  std::optional<Verb> verb;  ///< none: not built yet
-  std::string operand;       ///< what follows the verb
+  Verb verb;
+  std::string operand;  ///< what follows the verb
   std::string text;
 };
 
@@ -32,9 +32,10 @@ const std::vector<VerbEntry>& verbs() {
        "distances between two recorded runs, or from a table FILE.csv"},
       {"study", Verb::study, "SCENE.toml",
        "run a scene with several steps, schemes and solver settings: errors against time"},
+      {"bench", Verb::bench, "SCENE.toml",
+       "time the steps of a scene, write no trajectory: seconds, counts, memory"},
       {"info", Verb::info, "", "versions of sweepvi and of the libraries it uses; also --version"},
-      {"help", Verb::help, "[VERB]", "this text, or that of a verb; also -h, --help, -help"},
-      {"bench", std::nullopt, "SCENE.toml", ""}};
+      {"help", Verb::help, "[VERB]", "this text, or that of a verb; also -h, --help, -help"}};
   return entries;
 }
 
@@ -57,7 +58,7 @@ const std::vector<OptionEntry>& options() {
       {"-o", "FILE.h5", {Verb::solve}, true, "output file (default: the problem's stem + .h5)"},
       {"--set",
        "key=value",
-       {Verb::run, Verb::check, Verb::study},
+       {Verb::run, Verb::check, Verb::study, Verb::bench},
        true,
        "override a key, as in time.step=1e-3; repeatable"},
       {"--summary",
@@ -74,7 +75,7 @@ const std::vector<OptionEntry>& options() {
        "of the scheme hybrid, instead of steps (default: the scene's)"},
       {"--settings",
        "FILE.toml",
-       {Verb::study},
+       {Verb::study, Verb::bench},
        true,
        "solver options to compare, [[setting]] with name and options"},
       {"--reference",
@@ -83,6 +84,19 @@ const std::vector<OptionEntry>& options() {
        true,
        "what errors refer to: a file, or the scene's scheme at so small a step (default: hybrid at 1e-12)"},
       {"--repeats", "K", {Verb::study}, true, "how often each is run for its time (default: 3)"},
+      {"--warmup", "K", {Verb::bench}, true, "steps to take before the first one that is timed (default: 3)"},
+      {"--count", "K", {Verb::bench}, true, "steps to time (default: 20)"},
+      {"--repeats",
+       "K",
+       {Verb::bench},
+       true,
+       "rounds in each of which every setting is timed (default: 3 with --settings, else 1)"},
+      {"--wall-limit",
+       "SECONDS",
+       {Verb::bench},
+       true,
+       "no step begins when a setting's round has taken so long; what was timed counts"},
+      {"--summary", "FILE.json", {Verb::bench}, true, "write the same numbers as one JSON object"},
       {"--csv", "FILE.csv", {Verb::study}, true, "write the table; scripts/plot draws it"},
       {"--summary", "FILE.json", {Verb::study}, true, "write the table and what it refers to as JSON"},
       {"--components",
@@ -105,7 +119,7 @@ const std::vector<OptionEntry>& options() {
       {"--wall-limit", "SECONDS", {Verb::run}, true, "stop in order after so long, with a checkpoint"},
       {"--help",
        "",
-       {Verb::run, Verb::check, Verb::solve, Verb::study},
+       {Verb::run, Verb::check, Verb::solve, Verb::study, Verb::bench},
        true,
        "this text; after the file also the options of what it builds"},
       {"--help", "", {Verb::compare}, true, "this text"}};
@@ -253,7 +267,11 @@ private:
     } else if (word == "--schemes") {
       set_list(word, value, pieces(value), line_.schemes);
     } else if (word == "--repeats") {
-      set_repeats(value);
+      set_count(word, value, 1, line_.repeats);
+    } else if (word == "--warmup") {
+      set_count(word, value, 0, line_.warmup);
+    } else if (word == "--count") {
+      set_count(word, value, 1, line_.count);
     } else {
       keep_once(word, value,
                 word == "-o"            ? line_.output
@@ -270,7 +288,8 @@ private:
       if (word.starts_with(alias.word + "="))
         throw InputError(fmt::format("write '{} VALUE' instead of '{}'", alias.word, word));
       if (word != alias.word) continue;
-      if (line_.verb != Verb::run && line_.verb != Verb::check && line_.verb != Verb::study)
+      if (line_.verb != Verb::run && line_.verb != Verb::check && line_.verb != Verb::study &&
+          line_.verb != Verb::bench)
         throw InputError(fmt::format("'{}' does not take {}: it has no [time]", verb_name(), word));
       const std::string value = take_value(word, "VALUE");
       const std::optional<double> number = to_number(value);
@@ -372,15 +391,15 @@ private:
     kept = found;
   }
 
-  void set_repeats(const std::string& text) {
+  static void set_count(const std::string& word, const std::string& text, int least,
+                        std::optional<int>& kept) {
     const std::optional<double> count = to_number(text);
-    constexpr double most = 1e6;
-    if (!count || !(*count >= 1.0) || *count > most || *count != std::round(*count))
-      throw InputError(fmt::format("--repeats {}: expected a whole number, 1 or more", text));
-    if (line_.repeats && *line_.repeats != *count)
-      throw InputError(
-          fmt::format("--repeats {} and --repeats {} contradict each other", *line_.repeats, text));
-    line_.repeats = static_cast<int>(*count);
+    constexpr double most = 1e9;
+    if (!count || !(*count >= least) || *count > most || *count != std::round(*count))
+      throw InputError(fmt::format("{} {}: expected a whole number, {} or more", word, text, least));
+    if (kept && *kept != *count)
+      throw InputError(fmt::format("{0} {1} and {0} {2} contradict each other", word, *kept, text));
+    kept = static_cast<int>(*count);
   }
 
   // Its steps, schemes and tolerances come from their lists.
@@ -432,24 +451,18 @@ std::string columns(const std::vector<std::pair<std::string, std::string>>& rows
 
 std::string general_help() {
   std::vector<std::pair<std::string, std::string>> rows;
-  std::vector<std::string> planned;
-  for (const VerbEntry& entry : verbs()) {
-    if (entry.verb) {
-      rows.emplace_back(entry.operand.empty() ? entry.name : entry.name + " " + entry.operand, entry.text);
-    } else {
-      planned.push_back(entry.name);
-    }
-  }
+  for (const VerbEntry& entry : verbs())
+    rows.emplace_back(entry.operand.empty() ? entry.name : entry.name + " " + entry.operand, entry.text);
   return fmt::format(
       "sweepvi simulates nonsmooth dynamical systems; each step is a variational inequality solved with "
       "PETSc.\n"
       "\nUsage: [mpirun -n N] sweepvi VERB ...\n\n{}"
-      "\n'sweepvi help VERB' lists the options of a verb. Not built yet: {}.\n"
+      "\n'sweepvi help VERB' lists the options of a verb.\n"
       "\nWords with one dash, except -o and -h, go to PETSc: -log_view, -snes_monitor, ... Our own among "
       "them start\n"
       "with -sweepvi_; -help after a scene lists those of the objects it builds.\n"
       "\nExit codes:\n{}",
-      columns(rows), fmt::join(planned, ", "),
+      columns(rows),
       columns(
           {{"0", "done; every step certified"},
            {"1", "internal error: a bug"},
@@ -480,9 +493,7 @@ CommandLine parse_command_line(const std::vector<std::string>& words) {
   if (first == "--version") return Parser(Verb::info, all.subspan(1)).parse();
   std::vector<std::string> known;
   for (const VerbEntry& entry : verbs()) {
-    if (entry.name == first && !entry.verb)
-      throw InputError(fmt::format("'{}' is not built yet; see 'sweepvi help'", first));
-    if (entry.name == first) return Parser(*entry.verb, all.subspan(1)).parse();
+    if (entry.name == first) return Parser(entry.verb, all.subspan(1)).parse();
     known.push_back(entry.name);
   }
   if (is_option(first))
@@ -499,7 +510,7 @@ std::string help_text(std::optional<Verb> topic) {
   for (const OptionEntry& option : options())
     if (option.built && takes(option, *topic))
       rows.emplace_back(option.value.empty() ? option.word : option.word + " " + option.value, option.text);
-  if (*topic == Verb::run || *topic == Verb::check || *topic == Verb::study)
+  if (*topic == Verb::run || *topic == Verb::check || *topic == Verb::study || *topic == Verb::bench)
     for (const Alias& alias : aliases())
       rows.emplace_back(alias.word + " VALUE", fmt::format("the same as --set {}=VALUE", alias.key));
   if (rows.empty()) return fmt::format("Usage: sweepvi {}\n\n{}\n", verb.name, verb.text);

@@ -9,7 +9,7 @@
 
 namespace sweepvi::app {
 
-enum class Verb { run, check, solve, compare, study, info, help };
+enum class Verb { run, check, solve, compare, study, bench, info, help };
 
 /// The command line, split: ours on one side, PETSc's words on the other.
 struct CommandLine {
@@ -32,14 +32,14 @@ struct CommandLine {
   std::optional<std::string> reference;  ///< --reference: a file, or a number
   std::optional<std::string> csv;        ///< --csv
   std::optional<int> repeats;            ///< --repeats
+  std::optional<int> warmup, count;      ///< --warmup, --count, of bench
   Overrides overrides;                   ///< --set, in order; -ts_dt, -ts_max_time, -ts_theta_theta folded in
   std::vector<std::string> petsc_words;  ///< everything else, in order, program name excluded
 };
 
 /// Pure text work: no file is opened, MPI and PETSc need not be initialised.
 /// @throws Error (bad_input): unknown verb or word (with the nearest known), missing or contradicting values,
-/// a foreign
-///         -ts_type, something that is not built yet (bench).
+/// a foreign -ts_type.
 CommandLine parse_command_line(const std::vector<std::string>& words);
 
 /// The text of `sweepvi help [VERB]`.

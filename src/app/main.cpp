@@ -32,6 +32,8 @@ ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
       return app::compare(comm, line);
     case app::Verb::study:
       return app::study(comm, line);
+    case app::Verb::bench:
+      return app::bench(comm, line);
     case app::Verb::info:
       return app::info(comm);
     case app::Verb::help:

@@ -1,5 +1,6 @@
 #include "app/ready_run.hpp"
 
+#include <algorithm>
 #include <limits>
 
 #include "app/failure.hpp"
@@ -45,6 +46,15 @@ Recorded ReadyRun::outline() const {
   outline.row(scene_.time.start);
   outline.row(scene_.time.end);
   return outline.take(line_.scene);
+}
+
+std::pair<std::vector<double>, std::vector<PetscInt>> ReadyRun::states() const {
+  const Recording recording = case_->recording({});
+  const auto x = std::find_if(recording.quantities.begin(), recording.quantities.end(),
+                              [](const Quantity& quantity) { return quantity.name == "/x"; });
+  std::vector<double> values(x->positions.size());
+  x->read(values.data());
+  return {std::move(values), x->positions};
 }
 
 RunResult ReadyRun::go(bool keep) {

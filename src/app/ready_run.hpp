@@ -22,8 +22,8 @@ struct RunResult {
   std::int64_t linear_solves = 0, newton_iterations = 0;
 };
 
-/// A run of a study, ready to go. The solver options of its setting hold as long as it lives. All methods are
-/// collective.
+/// A run of a study or a bench, ready to go. The solver options of its setting hold as long as it lives. All
+/// methods are collective.
 class ReadyRun {
 public:
   /// @param line  of the study
@@ -33,6 +33,10 @@ public:
   /// The first and the last time with the initial state: what there is to compare, before there is anything.
   Recorded outline() const;
   const TimeSpec& time() const { return scene_.time; }
+  Case& model() { return *case_; }
+  TimeMarch& march() { return *march_; }
+  /// This rank's part of /x, and where each entry stands there.
+  std::pair<std::vector<double>, std::vector<PetscInt>> states() const;
 
   /// Marches to the end, once.
   /// @param keep  whether the result has the trajectory

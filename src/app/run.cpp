@@ -144,7 +144,7 @@ void Run::after_step(const Step& step, const StepReport& report) {
   ++summary_.rungs[static_cast<std::size_t>(report.rung)];
   summary_.max_residual = std::max(summary_.max_residual, report.residual);
   summary_.max_penetration = std::max(summary_.max_penetration, model_->dvi().penetration());
-  int contact_changes = model_->contact_changed() ? 1 : 0;
+  int contact_changes = model_->contact_changes() > 0 ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &contact_changes, 1, MPI_INT, MPI_LOR, comm_);
   summary_.active_changes += contact_changes;
   recorder_->step(step, report, solved - recorded_);

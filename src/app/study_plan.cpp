@@ -44,11 +44,13 @@ Overrides read_overrides(const TomlValue& set) {
       set.fail(fmt::format("has '{}'; expected key=value, as in time.theta=0.5", word));
     const std::string key = word.substr(0, equals);
     for (const char* own : {"time.step", "time.scheme", "time.tolerance"})
-      if (key == own) set.fail(fmt::format("has '{}'; a study takes {} from its command line", word, own));
+      if (key == own) set.fail(fmt::format("has '{}'; the command line says that, for all settings", word));
     overrides.emplace_back(key, word.substr(equals + 1));
   }
   return overrides;
 }
+
+}  // namespace
 
 std::vector<Setting> read_settings(MPI_Comm comm, const std::string& path) {
   const std::string text = read_shared_text(comm, path);
@@ -80,7 +82,6 @@ bool fits(const Setting& setting, const std::string& scheme) {
   const std::vector<std::string>& schemes = setting.schemes;
   return schemes.empty() || std::find(schemes.begin(), schemes.end(), scheme) != schemes.end();
 }
-}  // namespace
 
 std::string Setting::words() const {
   std::string text;
@@ -95,6 +96,7 @@ CommandLine line_of(const CommandLine& line, const StudyRun& run) {
     if (std::none_of(line.overrides.begin(), line.overrides.end(),
                      [&, name = key](const auto& said) { return said.first == name; }))
       one.overrides.emplace_back(key, value);
+  if (run.scheme.empty()) return one;
   replace(one.overrides, "time.scheme", run.scheme);
   replace(one.overrides, "time.step", fmt::format("{}", run.step));
   if (run.scheme != name_of(Scheme::hybrid))

@@ -21,10 +21,10 @@ struct Setting {
   std::string words() const;
 };
 
-/// One of the runs of a study.
+/// One of the runs of a study, or of a bench.
 struct StudyRun {
-  std::string scheme;
-  double step = 0.0;                ///< as asked for [s]
+  std::string scheme;               ///< empty: the scene's
+  double step = 0.0;                ///< as asked for [s]; 0: the scene's
   std::optional<double> tolerance;  ///< of hybrid; none: the scene's
   Setting setting;
 };
@@ -39,6 +39,13 @@ struct StudyPlan {
 
 /// `line` as it would be for one of the runs alone.
 CommandLine line_of(const CommandLine& line, const StudyRun& run);
+
+/// The [[setting]] tables of a file.
+/// @throws Error (bad_input) on every rank.  @note Collective.
+std::vector<Setting> read_settings(MPI_Comm comm, const std::string& path);
+
+/// Whether a setting is to be run with a scheme.
+bool fits(const Setting& setting, const std::string& scheme);
 
 /// @throws Error (bad_input) on every rank: a scene or settings that cannot be read, tolerances without
 /// hybrid

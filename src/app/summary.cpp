@@ -24,10 +24,6 @@ std::int64_t event_count(const char* name) {
   return info.count;
 }
 
-std::int64_t factorizations() {
-  return event_count("MatLUFactorNum") + event_count("MatCholFctrNum") + event_count("MatILUFactorNum");
-}
-
 // JSON has no infinity; a run without steps has no ratio.
 nlohmann::json number(double value) {
   return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
@@ -37,6 +33,10 @@ nlohmann::json number(double value) {
 
 std::int64_t linear_solves() {
   return event_count("KSPSolve");
+}
+
+std::int64_t factorizations() {
+  return event_count("MatLUFactorNum") + event_count("MatCholFctrNum") + event_count("MatILUFactorNum");
 }
 
 std::int64_t peak_rss_bytes(MPI_Comm comm) {

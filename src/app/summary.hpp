@@ -48,6 +48,9 @@ struct Summary {
 /// Linear systems solved by this process so far. @note Not collective.
 std::int64_t linear_solves();
 
+/// Matrices factored by this process so far. @note Not collective.
+std::int64_t factorizations();
+
 /// Largest peak of resident memory of any rank [B]. @note Collective.
 std::int64_t peak_rss_bytes(MPI_Comm comm);
 

@@ -13,6 +13,7 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line);
 ExitCode solve(MPI_Comm comm, const CommandLine& line);
 ExitCode compare(MPI_Comm comm, const CommandLine& line);
 ExitCode study(MPI_Comm comm, const CommandLine& line);
+ExitCode bench(MPI_Comm comm, const CommandLine& line);
 ExitCode info(MPI_Comm comm);
 
 }  // namespace sweepvi::app

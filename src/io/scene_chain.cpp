@@ -229,8 +229,13 @@ ChainSpec read_chain(const TomlValue& table, Scheme scheme, bool root) {
     check_range(key, element.keys[k].range, chain.keys[k]);
     if (element.restitution == k) check_restitution(key, scheme, chain.keys[k]);
   }
-  for (std::size_t k = 0; k < element.forces.size(); ++k)
-    read_per_element(table[element.forces[k].name], chain.count, chain.forces[k]);
+  for (std::size_t k = 0; k < element.forces.size(); ++k) {
+    const TomlValue key = table[element.forces[k].name];
+    if (key.is_table() && !key.names_file())
+      chain.forces[k] = {{key.signal(chain.phase_spread[k])}};
+    else
+      read_per_element(key, chain.count, chain.forces[k]);
+  }
   if (const TomlValue regulator = table["regulator"]) chain.regulator = read_regulator(regulator);
   if (const TomlValue x0 = table["x0"]) {
     chain.x0 = x0.numbers();

@@ -16,10 +16,22 @@
 namespace sweepvi {
 
 Signal TomlValue::signal() const {
+  double phase_spread = 0.0;
+  const Signal found = signal(phase_spread);
+  if (is_table() && (*this)["phase_spread"])
+    (*this)["phase_spread"].fail(
+        "spreads the phase of a chain's force over its elements, where one signal is given for all of them; "
+        "leave it out, and write the phase itself");
+  return found;
+}
+
+Signal TomlValue::signal(double& phase_spread) const {
   if (is_table()) {
     const TomlValue offset = (*this)["offset"], amplitude = (*this)["amplitude"],
-                    frequency = (*this)["frequency"], phase = (*this)["phase"];
+                    frequency = (*this)["frequency"], phase = (*this)["phase"],
+                    spread = (*this)["phase_spread"];
     refuse_unknown();
+    phase_spread = spread.number_or(0.0);
     return {offset.number_or(0.0), amplitude.number(), frequency.number(), phase.number_or(0.0)};
   }
   if (!is_number()) fail_kind("a number or {offset, amplitude, frequency, phase}");

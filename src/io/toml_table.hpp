@@ -63,6 +63,7 @@ public:
   std::string choice(const std::vector<std::string>& built, bool optional) const;
 
   Signal signal() const;                            ///< a number or {offset, amplitude, frequency, phase}
+  Signal signal(double& phase_spread) const;        ///< the same, where its phase may differ between elements
   std::vector<double> numbers() const;              ///< an array or a file
   std::vector<double> numbers_or_infinity() const;  ///< the same; infinite entries are welcome
   std::vector<Signal> signals() const;              ///< an array of signals, or a file of numbers

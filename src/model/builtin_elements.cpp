@@ -3,18 +3,14 @@
 #include <cmath>
 #include <numbers>
 
+#include "model/golden_fraction.hpp"
+
 namespace sweepvi {
 
 namespace {
 
 using Range = Element::Range;
 using Place = Element::Place;
-
-/// A number in [0, 1) per element, spread evenly whatever the count.
-double golden_fraction(std::int64_t i) {
-  const double golden = static_cast<double>(i) * 0.6180339887498949;
-  return golden - std::floor(golden);
-}
 
 /// The value of a key.
 Coefficient key(int number) {
@@ -85,7 +81,7 @@ Element wall() {
 
 /// A column of balls of length 1 on the ground, r = 2:
 ///
-///     mass q'' = -mass gravity + lambda_i - lambda_{i+1},      w_0 = q_0,  w_i = q_i - q_{i-1} - 1.
+///     mass q'' = -mass gravity + force + lambda_i - lambda_{i+1},      w_0 = q_0,  w_i = q_i - q_{i-1} - 1.
 Element contact() {
   enum { q, v };
   enum { mass, gravity, e };
@@ -100,31 +96,36 @@ Element contact() {
           .offset = [](Place place, KeyValues) { return place.i == 0 ? 0.0 : -1.0; },
           .pushes = {{v, over(mass)}, {v, over(mass, -1.0), -1}},
           .loads = {{v, Coefficient::Formula([](KeyValues k) { return -k[gravity]; })}},
+          .forces = {{"force", 0.0, v, over(mass)}},
           .start = [](Place place, KeyValues,
                       std::span<double> x) { x[q] = 1.05 * static_cast<double>(place.i) + 0.1; }};
 }
 
 /// A link q that may not pass a wall, behind a flexible joint; only its motor p can be pushed, r = 4:
 ///
-///     mass q'' = joint (p - q) + S(q)_i - ground q + force,      inertia p'' = joint (q - p) + lambda,
-///     w = q.
+///     mass q'' = joint (p - q) + S(q)_i - ground q - damping q' + force,      inertia p'' = joint (q - p) +
+///     lambda, w = q.
 ///
 /// When the link hits the wall, lambda holds derivatives of Dirac measures: the velocity of the link jumps,
 /// and so do position and velocity of its motor. That is what a relative degree above 2 means. Motors of
 /// other elements never jump.
 Element flexible() {
   enum { q, p, dq, dp };
-  enum { mass, inertia, joint, ground };
+  enum { mass, inertia, joint, ground, damping, base, spread };
   return {
       .name = "flexible",
       .states = {"q", "p", "q'", "p'"},
       .keys = {{"mass", 1.0, Range::positive},
                {"inertia", 1.0, Range::positive},
                {"joint", 10.0, Range::positive},
-               {"ground", 1.0}},
+               {"ground", 1.0},
+               {"damping", 0.0},
+               {"base", 0.5},
+               {"spread", 0.1}},
       .terms = {{q, dq, 1.0},
                 {p, dp, 1.0},
                 {dq, q, Coefficient::Formula([](KeyValues k) { return -(k[joint] + k[ground]) / k[mass]; })},
+                {dq, dq, Coefficient::Formula([](KeyValues k) { return -k[damping] / k[mass]; })},
                 {dq, p, Coefficient::Formula([](KeyValues k) { return k[joint] / k[mass]; })},
                 {dp, q, Coefficient::Formula([](KeyValues k) { return k[joint] / k[inertia]; })},
                 {dp, p, Coefficient::Formula([](KeyValues k) { return -k[joint] / k[inertia]; })}},
@@ -132,8 +133,8 @@ Element flexible() {
       .readings = {{q}},
       .pushes = {{dp, over(inertia)}},
       .forces = {{"force", -1.0, dq, over(mass)}},
-      .start = [](Place place, KeyValues, std::span<double> x) {
-        x[q] = x[p] = 0.5 + 0.1 * static_cast<double>(place.i % 3);
+      .start = [](Place place, KeyValues k, std::span<double> x) {
+        x[q] = x[p] = k[base] + k[spread] * static_cast<double>(place.i % 3);
       }};
 }
 
@@ -143,18 +144,21 @@ Element flexible() {
 ///     x'' = S(x)_i + force,      w = x.
 Element zhuravlev_ivanov() {
   enum { x, velocity };
+  enum { kappa, base, spread };
   return {.name = "zhuravlev-ivanov",
           .states = {"x", "x'"},
           .layout = StateLayout::state_by_state,
-          .keys = {{"kappa", 0.5, Range::open_unit}},
-          .kappa = 0,
+          .keys = {{"kappa", 0.5, Range::open_unit},
+                   {"base", 1.0, Range::not_negative},
+                   {"spread", 0.5, Range::not_negative}},
+          .kappa = kappa,
           .terms = {{x, velocity, 1.0}},
           .coupling = {{velocity, 1.0, 0.0}},
           .readings = {{x}},
           .pushes = {{velocity, 1.0}},
           .forces = {{"force", -9.81, velocity, 1.0}},
-          .start = [](Place place, KeyValues, std::span<double> states) {
-            states[x] = 1.0 + 0.5 * golden_fraction(place.i);
+          .start = [](Place place, KeyValues k, std::span<double> states) {
+            states[x] = k[base] + k[spread] * golden_fraction(place.i);
           }};
 }
 

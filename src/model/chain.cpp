@@ -2,6 +2,7 @@
 
 #include "model/coupling_graph.hpp"
 #include "model/dense_parts.hpp"
+#include "model/golden_fraction.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -15,7 +16,14 @@ ChainSpec ChainSpec::of(const Element& element, std::int64_t count) {
     spec.keys.push_back({{key.standard}});
   for (const Element::Force& force : element.forces)
     spec.forces.push_back({{Signal{force.standard}}});
+  spec.phase_spread.assign(element.forces.size(), 0.0);
   return spec;
+}
+
+Signal ChainSpec::force(std::size_t k, std::int64_t i) const {
+  Signal signal = forces[k][i];
+  signal.phase += phase_spread[k] * golden_fraction(i);
+  return signal;
 }
 
 namespace {
@@ -124,7 +132,7 @@ private:
     for (const Element::Load& load : element_.loads)
       add(load.row, Signal{load.value(values_)});
     for (std::size_t k = 0; k < element_.forces.size(); ++k)
-      add(element_.forces[k].row, spec_.forces[k][i].scaled(element_.forces[k].factor(values_)));
+      add(element_.forces[k].row, spec_.force(k, i).scaled(element_.forces[k].factor(values_)));
   }
 
   void start(PetscInt i, std::span<double> x) const {

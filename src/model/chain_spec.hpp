@@ -36,8 +36,12 @@ struct ChainSpec {
   std::optional<SparseEntries> weights;    ///< symmetric N x N, instead of coupling; entries on rank 0 only
   std::vector<PerElement<double>> keys;    ///< in the order of Element::keys
   std::vector<PerElement<Signal>> forces;  ///< in the order of Element::forces
+  std::vector<double> phase_spread;        ///< of each of them over the elements [rad]
   std::optional<Regulator> regulator;      ///< of impact oscillators (Element::kappa)
   std::vector<double> x0;                  ///< in the order of /x, or empty: the element's default
+
+  /// The k-th force on element i: its phase is larger by phase_spread frac(0.618... i).
+  Signal force(std::size_t k, std::int64_t i) const;
 };
 
 }  // namespace sweepvi

@@ -99,6 +99,19 @@ TEST(CommandLine, AnswersRequestsForHelp) {
   }
 }
 
+TEST(CommandLine, TakesCountsToBench) {
+  const CommandLine line =
+      parse_command_line({"bench", "a.toml", "--warmup", "0", "--count=1e3", "--repeats", "2", "--settings",
+                          "s.toml", "--wall-limit", "60", "--set", "model.count=7", "-ts_dt", "1e-3"});
+  EXPECT_EQ(line.verb, Verb::bench);
+  EXPECT_EQ(line.warmup, 0);
+  EXPECT_EQ(line.count, 1000);
+  EXPECT_EQ(line.repeats, 2);
+  EXPECT_EQ(line.settings, "s.toml");
+  EXPECT_EQ(line.wall_limit, 60.0);
+  EXPECT_EQ(line.overrides, (Overrides{{"model.count", "7"}, {"time.step", "0.001"}}));
+}
+
 TEST(CommandLine, ComplainsAboutWhatItCannotUse) {
   struct Case {
     Words words;
@@ -127,8 +140,13 @@ TEST(CommandLine, ComplainsAboutWhatItCannotUse) {
        "contradicts --tolerances"},
       {{"study", "a.toml", "--steps=1", "-o", "a.h5"}, "'study' does not take -o"},
       {{"run", "a.toml", "--steps=1"}, "'run' does not take --steps"},
-      {{"bench", "a.toml"}, "'bench' is not built yet"},
-      {{"help", "bench"}, "'bench' is not built yet"},
+      {{"bench"}, "'bench' needs a SCENE.toml directly after it"},
+      {{"bench", "a.toml", "--count", "0"}, "--count 0: expected a whole number, 1 or more"},
+      {{"bench", "a.toml", "--warmup=-1"}, "--warmup -1: expected a whole number, 0 or more"},
+      {{"bench", "a.toml", "--count=2", "--count=3"}, "--count 2 and --count 3 contradict each other"},
+      {{"bench", "a.toml", "--steps=1"}, "'bench' does not take --steps"},
+      {{"bench", "a.toml", "-o", "a.h5"}, "'bench' does not take -o"},
+      {{"run", "a.toml", "--count=2"}, "'run' does not take --count"},
       {{"run"}, "'run' needs a SCENE.toml directly after it"},
       {{"run", ""}, "'run' needs a SCENE.toml directly after it"},
       {{"run", "-log_view", ":out.txt"}, "'run' needs a SCENE.toml directly after it"},
@@ -205,7 +223,7 @@ TEST(CommandLine, SameAnswerTwiceIsNoContradiction) {
 TEST(HelpText, NamesWhatTheParserTakesAndNothingElse) {
   const std::string general = help_text(std::nullopt);
   for (const char* fragment : {"run SCENE.toml", "check SCENE.toml", "solve PROBLEM.toml", "Exit codes",
-                               "-sweepvi_", "study SCENE.toml", "Not built yet: bench"})
+                               "-sweepvi_", "study SCENE.toml", "bench SCENE.toml"})
     EXPECT_NE(general.find(fragment), std::string::npos) << fragment;
   struct Case {
     Verb verb;
@@ -224,6 +242,10 @@ TEST(HelpText, NamesWhatTheParserTakesAndNothingElse) {
        {"--steps 1e-1", "--schemes a,b", "--tolerances", "--settings FILE", "--reference FILE", "--repeats K",
         "--csv FILE", "--summary FILE", "--components 0,1", "--set "},
        {"-o FILE", "--force"}},
+      {Verb::bench,
+       {"--warmup K", "--count K", "--repeats K", "--settings FILE", "--wall-limit SECONDS", "--summary FILE",
+        "--set ", "-ts_dt"},
+       {"-o FILE", "--force", "--steps"}},
       {Verb::info, {"versions"}, {"-o FILE", "--set "}}};
   for (const Case& c : cases) {
     const std::string text = help_text(c.verb);

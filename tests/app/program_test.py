@@ -144,6 +144,7 @@ class Texts(InFolder):
         words = {"run": "-o --set --summary --force -ts_dt", "check": "--set", "solve": "-o --summary --force"}
         words["compare"] = "--components --tolerance --summary"
         words["study"] = "--steps --schemes --tolerances --settings --reference --repeats --csv --summary --components"
+        words["bench"] = "--warmup --count --repeats --settings --wall-limit --summary --set -ts_dt"
         for verb, options in words.items():
             with self.subTest(verb):
                 text = self.sweepvi("help", verb).out

@@ -204,7 +204,7 @@ class Study(unittest.TestCase):
             (settings('[[setting]]\nname = "a"\noptions = "pc_type lu"\n'), "does not start with an option", 2),
             (settings('[[setting]]\nname = "a"\n[[setting]]\nname = "b"\noptions = "-snes_type no"\n'), "SNES type no", 2),
             (settings('[[setting]]\nname = "a"\nset = "time.theta"\n'), "expected key=value", 2),
-            (settings('[[setting]]\nname = "a"\nset = "time.step=1"\n'), "a study takes time.step from its command line", 2),
+            (settings('[[setting]]\nname = "a"\nset = "time.step=1"\n'), "has 'time.step=1'; the command line says that, for all settings", 2),
             (settings('[[setting]]\nname = "a"\nset = "time.tetha=1"\n'), "did you mean 'theta'?", 2),
             (settings('[[setting]]\nname = "a"\nschemes = "hybird"\n'), "no scheme 'hybird'; did you mean 'hybrid'?", 2),
             (settings('[[setting]]\nname = "a"\nschemes = "hybrid"\n'), "no setting of --settings goes with", 2),

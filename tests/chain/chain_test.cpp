@@ -1,5 +1,7 @@
 // Chains against their equations, written out here element by element in the order of /x: x' and w agree for
 // states and multipliers at random, as dealt out first and by METIS.
+#include <fmt/format.h>
+
 #include <functional>
 #include <random>
 
@@ -159,7 +161,7 @@ Equations wall(const Weights& S, const Numbers& mass, double damping, const Numb
   };
 }
 
-Equations contact(const Numbers& mass, double gravity) {
+Equations contact(const Numbers& mass, double gravity, double force = 0.0) {
   return [=](const Numbers& x, const Numbers& lambda) {
     const std::size_t n = mass.size();
     Rates rate{Numbers(2 * n), Numbers(n)};
@@ -167,14 +169,14 @@ Equations contact(const Numbers& mass, double gravity) {
       rate.w[i] = i == 0 ? x[0] : x[i] - x[i - 1] - 1.0;
       rate.x[i] = x[n + i];
       const double above = i + 1 < n ? lambda[i + 1] : 0.0;
-      rate.x[n + i] = -gravity + (lambda[i] - above) / mass[i];
+      rate.x[n + i] = -gravity + (force + lambda[i] - above) / mass[i];
     }
     return rate;
   };
 }
 
 Equations flexible(const Weights& S, const Numbers& mass, double inertia, const Numbers& joint, double ground,
-                   double force) {
+                   double force, double damping = 0.0) {
   return [=](const Numbers& x, const Numbers& lambda) {
     const std::size_t n = S.count;
     Rates rate{Numbers(4 * n), Numbers(n)};
@@ -184,7 +186,8 @@ Equations flexible(const Weights& S, const Numbers& mass, double inertia, const 
       const double q = x[4 * i], p = x[4 * i + 1];
       rate.x[4 * i] = x[4 * i + 2];
       rate.x[4 * i + 1] = x[4 * i + 3];
-      rate.x[4 * i + 2] = (joint[i] * (p - q) + S(rate.w, i) - ground * q + force) / mass[i];
+      rate.x[4 * i + 2] =
+          (joint[i] * (p - q) + S(rate.w, i) - ground * q - damping * x[4 * i + 2] + force) / mass[i];
       rate.x[4 * i + 3] = (joint[i] * (q - p) + lambda[i]) / inertia;
     }
     return rate;
@@ -211,14 +214,16 @@ TEST(Chain, WallElementsFollowTheirEquations) {
 TEST(Chain, ContactElementsFollowTheirEquations) {
   expect_chain("element = \"contact\"\ncount = 5\nmass = [1, 2, 3, 4, 5]\ngravity = 9.81\n", 2, 0.0,
                contact({1, 2, 3, 4, 5}, 9.81));
+  expect_chain("element = \"contact\"\ncount = 3\ngravity = 0\nforce = {amplitude = 3, frequency = 1}\n", 2,
+               0.25, contact({1, 1, 1}, 0.0, 3.0));
   expect_chain("element = \"contact\"\ncount = 1\ntopology = \"chain\"\n", 2, 0.0, contact({1}, 1.0));
 }
 
 TEST(Chain, FlexibleElementsFollowTheirEquations) {
   expect_chain(
       "element = \"flexible\"\ncount = 4\ncoupling = 3\nmass = [1, 2, 3, 4]\ninertia = 0.5\n"
-      "joint = [4, 5, 6, 7]\nground = 2\nforce = 0.5\n",
-      4, 0.0, flexible(line(4, 3.0), {1, 2, 3, 4}, 0.5, {4, 5, 6, 7}, 2.0, 0.5));
+      "joint = [4, 5, 6, 7]\nground = 2\ndamping = 3\nforce = 0.5\n",
+      4, 0.0, flexible(line(4, 3.0), {1, 2, 3, 4}, 0.5, {4, 5, 6, 7}, 2.0, 0.5, 3.0));
   expect_chain("element = \"flexible\"\ncount = 2\n", 4, 0.0,
                flexible(line(2, 1.0), {1, 1}, 1.0, {10, 10}, 1.0, -1.0));
 }
@@ -295,6 +300,8 @@ TEST(Chain, StartsFromItsDefaultData) {
               "contact");
   expect_same(start_of(chain_system("element = \"flexible\"\ncount = 4\n")),
               {0.5, 0.5, 0, 0, 0.6, 0.6, 0, 0, 0.7, 0.7, 0, 0, 0.5, 0.5, 0, 0}, "flexible");
+  expect_same(start_of(chain_system("element = \"flexible\"\ncount = 2\nbase = [0, 1]\nspread = 0.25\n")),
+              {0, 0, 0, 0, 1.25, 1.25, 0, 0}, "flexible");
 }
 
 TEST(Chain, AGivenStartStandsInTheOrderOfX) {
@@ -302,6 +309,26 @@ TEST(Chain, AGivenStartStandsInTheOrderOfX) {
       chain_system("element = \"wall\"\ncount = 4\ne = 0\nx0 = [1, 2, 3, 4, 5, 6, 7, 8]\n");
   EXPECT_EQ(start_of(split), (Numbers{1, 2, 3, 4, 5, 6, 7, 8}));
   EXPECT_EQ(rates(split, 0.0, start_of(split), Numbers(4, 0.0)).w, (Numbers{1, 2, 3, 4}));
+}
+
+// The forces alone: x' at x = 0.
+TEST(Chain, PhaseSpreadGivesEachElementItsPhase) {
+  const auto forces = [](const std::string& keys, double t) {
+    const LinearSystem system = chain_system(keys);
+    return rates(system, t, Numbers(static_cast<std::size_t>(system.states()), 0.0),
+                 Numbers(static_cast<std::size_t>(system.constraints()), 0.0))
+        .x;
+  };
+  for (const char* element : {"jerk", "flexible", "contact"}) {
+    const std::string keys = fmt::format("element = \"{}\"\ncount = 7\n", element);
+    const std::string wave = "{offset = -1, amplitude = 2, frequency = 0.5, ";
+    std::string list;
+    for (int i = 0; i < 7; ++i)
+      list += fmt::format("{}phase = {}}}, ", wave, 0.25 + 6.0 * std::fmod(0.6180339887498949 * i, 1.0));
+    for (const double t : {0.0, 0.3, 1.7})
+      expect_same(forces(keys + "force = " + wave + "phase = 0.25, phase_spread = 6}\n", t),
+                  forces(keys + "force = [" + list + "]\n", t), element);
+  }
 }
 
 TEST(Chain, RanksOwnWholeElements) {

@@ -219,6 +219,10 @@ TEST_F(SceneTest, ChainIsCompleteOnEveryRank) {
   ASSERT_EQ(model.x0.size(), 20U);
   EXPECT_EQ(model.x0[19], 20.0);
   EXPECT_EQ(scene.output.blocks, (std::vector<std::int64_t>{1, 3}));
+  const Scene spread =
+      read(chain + "count = 3\nforce = {amplitude = 1, frequency = 2, phase = 1, phase_spread = 2}\n");
+  EXPECT_EQ(std::get<ChainSpec>(spread.model).force(0, 0).phase, 1.0);
+  EXPECT_EQ(std::get<ChainSpec>(spread.model).force(0, 1).phase, 1.0 + 2.0 * 0.6180339887498949);
   const Scene plain = read(chain + "count = 1\nforce = {amplitude = 1, frequency = 2}\n");
   EXPECT_EQ(std::get<ChainSpec>(plain.model).topology, Topology::chain);
   EXPECT_TRUE(std::get<ChainSpec>(plain.model).x0.empty());
@@ -256,6 +260,8 @@ TEST_F(SceneTest, ComplaintsSayWhereAndWhat) {
       {"[time]\nend = 1\n" + ball + start, "scene.toml:1:1: time.step is missing; expected a number"},
       {times + ball, "scene.toml:4:1: model.x0 is missing; expected an array of numbers or a file"},
       {linear + "f = [0, {amplitude = 1}]\n", "model.f[1].frequency is missing"},
+      {linear + "f = [0, {amplitude = 1, frequency = 2, phase_spread = 3}]\n",
+       "model.f[1].phase_spread spreads the phase of a chain's force over its elements"},
       // kinds
       {"[time]\nend = \"1\"\nstep = 1\n" + ball + start,
        "scene.toml:2:7: time.end = \"1\"; expected a number"},
@@ -310,6 +316,10 @@ TEST_F(SceneTest, ComplaintsSayWhereAndWhat) {
       {chain + "count = 3\na1 = [1, 2]\n",
        "model.a1 has 2 entries; expected a single value, or model.count = 3 entries"},
       {chain + "count = 3\nforce = [1, 2]\n", "model.force has 2 entries"},
+      {chain + "count = 1\nforce = [{amplitude = 1, frequency = 1, phase_spread = 1}]\n",
+       "model.force[0].phase_spread spreads the phase"},
+      {chain + "count = 1\nforce = {amplitude = 1, frequency = 1, phase_spred = 1}\n",
+       "model.force has no key 'phase_spred'; did you mean 'phase_spread'?"},
       {chain + "count = 3\nforce = true\n", "model.force = true; expected a number or {offset"},
       {chain + "count = 3\nx0 = [1]\n", "model.x0 has 1 entries; expected 5 model.count = 15"},
       {chain + "count = 3\nmass = 1\n", "model has no key 'mass'"},
