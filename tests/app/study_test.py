@@ -84,7 +84,7 @@ class Study(unittest.TestCase):
             self.assertLess(row["events"], 2 * row["h"], "both events are found within two steps")
             self.assertEqual((row["status"], row["failure"], row["events_unmatched"]), ("done", None, 0))
             self.assertEqual(row["steps"], round(10 / row["h"]))
-            self.assertGreaterEqual(row["linear_solves"], row["steps"])
+            self.assertEqual(row["linear_solves"], 0, "five states are one block, solved without a factorization")
             self.assertTrue(0 < row["seconds_min"] <= row["seconds"] <= row["seconds_max"], row)
             self.assertGreater(row["matmults_per_step"], 1)
         self.assertIsNone(rows[0]["final_order"])
@@ -148,7 +148,7 @@ class Study(unittest.TestCase):
         self.assertTrue(1.85 < rows[3]["final_order"] < 2.15, rows[3])
         # The command line wins.
         rows, _, _ = self.runs(*words, "--set", "time.theta=1")
-        self.assertEqual(rows[2]["final"], rows[0]["final"])
+        self.assertLess(abs(rows[2]["final"] - rows[0]["final"]), 1e-12)  # found by SNES, and by the predictor
 
     def test_hybrid_takes_tolerances(self):
         rows, _, _ = self.runs("--schemes", "homsp,hybrid", "--steps", "1e-1", "--tolerances", "1e-3,1e-9", "--reference", "1e-2")
