@@ -244,7 +244,7 @@ bool StepSolver::judged(Vec u) const {
 
 // By blocks, where the step has some that read each other weakly.
 bool StepSolver::sweep() {
-  constexpr int most_rounds = 4;
+  constexpr int most_rounds = 6;
   if (!predictor_options_.sweeps) return false;
   const AffineStep affine = problem_.affine();
   if (affine.rows == nullptr) return false;
@@ -255,16 +255,15 @@ bool StepSolver::sweep() {
   }
   if (!sweeps_->worthwhile()) return false;
   check(VecCopy(guess_.get(), u_.get()));
-  double before = std::numeric_limits<double>::infinity();
-  bool refined = false;
+  bool refines = false;
   for (int round = 0; round < most_rounds; ++round) {
-    if (!refined && !sweeps_->solve(u_.get(), affine.right_side, lower_.get(), upper_.get())) return false;
+    if (!refines && !sweeps_->solve(u_.get(), affine.right_side, lower_.get(), upper_.get())) return false;
     const double ratio = settled_ratio(u_.get());
     if (ratio <= certificate_.target) return true;
-    if (!(ratio < 0.5 * before)) return false;
-    before = ratio;
-    refined = ratio <= nearly;  // the sets are right
-    if (refined) sweeps_->refine(u_.get(), f_.get());
+    // Rounding is refined away; if it does not go, a set was wrong: neighbours were not yet where they are
+    // now.
+    refines = !refines && ratio <= nearly;
+    if (refines) sweeps_->refine(u_.get(), f_.get());
   }
   return false;
 }
