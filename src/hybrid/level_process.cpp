@@ -87,7 +87,7 @@ public:
 
   // The gap closes without a measure; what follows on the levels above does not.
   StepReport reset(StepSolver& solver, const Step& step) override {
-    const StepReport report = HybridProcess::reset(solver, step);
+    StepReport report = HybridProcess::reset(solver, step);
     if (!report.certified) return report;
     std::vector<StepEvent> events;
     for (const StepEvent& event : dvi_.events()) {
