@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <utility>
 
@@ -235,9 +234,7 @@ bool StepSolver::judged(Vec u) const {
   if (judged_ratio_ < 0.0) return false;
   const ReadArray now(u);
   const ReadArray then(settled_.get());
-  int same = std::memcmp(now.data(), then.data(), static_cast<std::size_t>(now.size()) * sizeof(double)) == 0
-                 ? 1
-                 : 0;
+  int same = std::equal(now.data(), now.data() + now.size(), then.data()) ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &same, 1, MPI_INT, MPI_LAND, problem_.comm());
   return same != 0;
 }

@@ -42,6 +42,13 @@ class Outcome:
         return f"{self.command}\nexit {self.code}\n--- standard output\n{self.out}\n--- standard error\n{self.err}"
 
 
+# An error out of PETSc leaves its objects to the end of the process, and with them what MPI keeps for their communicator. In
+# sanitized runs only the slow unwinder can tell whose that is (scripts/leaks.supp).
+SLOW_UNWINDER = (
+    {"ASAN_OPTIONS": os.environ["ASAN_OPTIONS"] + ":fast_unwind_on_malloc=0"} if "ASAN_OPTIONS" in os.environ else {}
+)
+
+
 def run(*words, ranks=1, cwd=None, env=None, timeout=20, out=subprocess.PIPE):
     """`sweepvi WORDS...`; on one rank without mpiexec. A run that hangs is an AssertionError."""
     command = [PROGRAM, *map(str, words)]

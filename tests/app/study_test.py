@@ -210,7 +210,7 @@ class Study(unittest.TestCase):
             (settings('[[setting]]\nname = "a"\nschemes = "hybrid"\n'), "no setting of --settings goes with", 2),
         ]
         before = program.content(self.folder)
-        outcomes = program.run_all(lambda case: program.run("study", SCENE, *case[0], cwd=self.folder), cases)
+        outcomes = program.run_all(lambda case: program.run("study", SCENE, *case[0], cwd=self.folder, env=program.SLOW_UNWINDER), cases)
         for outcome, (_, message, code) in zip(outcomes, cases):
             with self.subTest(message):
                 self.assertEqual((outcome.code, outcome.out), (code, ""), outcome)

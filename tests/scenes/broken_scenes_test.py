@@ -12,7 +12,6 @@ Each broken/NAME.toml is a case; its head says what to do and what must come of 
     # expect: fragment of the message, on standard error exactly once
 """
 
-import os
 import re
 import shlex
 import sys
@@ -43,11 +42,7 @@ def play(case, ranks):
             (Path(folder) / case["exists"]).write_text("keep me\n")
         before = program.content(folder)
         words = [case["command"], FOLDER / case["scene"], *shlex.split(case["args"])]
-        env = dict([case["env"].split("=", 1)]) if case["env"] else {}
-        if "ASAN_OPTIONS" in os.environ:
-            # An error out of PETSc leaves its objects to the end of the process, and with them what MPI keeps for their
-            # communicator; whose that is (scripts/leaks.supp) only the slow unwinder can tell.
-            env["ASAN_OPTIONS"] = os.environ["ASAN_OPTIONS"] + ":fast_unwind_on_malloc=0"
+        env = {**program.SLOW_UNWINDER, **(dict([case["env"].split("=", 1)]) if case["env"] else {})}
         try:
             outcome = program.run(*words, ranks=ranks, cwd=folder, env=env)
         except AssertionError as hang:
