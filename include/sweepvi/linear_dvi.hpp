@@ -34,8 +34,8 @@ Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degr
 /// Discretises `system` on `grid` by homsp, zd_euler or naive_euler. `system` and `relative_degree` must
 /// outlive the result.
 /// @param theta  homsp: weight of t_{k+1} in A x + f, the rest stands at t_k; measures and bounds stay at
-/// t_{k+1}. The paper has 1. With 1/2 the error is O(h^2) in free flight and in contact, and across events
-/// that stop all levels (no restitution) too.
+/// t_{k+1}. The paper has 1. With 1/2 the error is O(h^2) in free flight, in contact, and across
+/// impacts that end in contact.
 /// @throws Error (bad_input) if theta is outside (0, 1], or not 1 with another scheme
 /// @note Collective on the system's communicator.
 std::unique_ptr<ConstrainedDvi> make_linear_dvi(const LinearSystem& system,
