@@ -6,6 +6,8 @@
 #include <limits>
 #include <map>
 
+#include "petsc/sparse.hpp"
+
 namespace sweepvi {
 
 namespace {
@@ -95,7 +97,9 @@ BlockSweeps::BlockSweeps(MPI_Comm comm, const AffineRows& rows, const std::vecto
              : degenerate == Degenerate::off_bound ? -held_rtol
                                                    : 0.0),
       count_(rows.size()) {
-  rate_ = find_blocks(rows, block) ? contraction() : HUGE_VAL;
+  int small = find_blocks(rows, block) ? 1 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &small, 1, MPI_INT, MPI_LAND, comm);
+  rate_ = small != 0 ? contraction() : HUGE_VAL;
   MPI_Allreduce(MPI_IN_PLACE, &rate_, 1, MPI_DOUBLE, MPI_MAX, comm);
   if (worthwhile()) find_scalars();
 }
@@ -160,20 +164,26 @@ bool BlockSweeps::find_blocks(const AffineRows& rows, const std::vector<PetscInt
   return true;
 }
 
-// About the spectral radius of |inverse| |what blocks read| without active sets: how it grows over ten
-// products with a vector that is 1 at first, and on other ranks always.
+// About the spectral radius of |inverse| |what blocks read| without active sets: how a vector that is 1 at
+// first grows over ten products.
 double BlockSweeps::contraction() {
   constexpr int products = 10;
-  std::vector<double> x(static_cast<std::size_t>(count_), 1.0);
-  double size = 1.0;
+  const Vector vector = make_vector(comm_, count_);
+  check(VecSet(vector.get(), 1.0));
+  double largest = 1.0;  // of the last product
   std::array<double, largest_block> right{}, left{};
   for (int product = 0; product < products; ++product) {
-    double largest = 0.0;
+    const double* others = rows_.ghosts(vector.get());
+    const WriteArray x(vector.get());
+    largest = 0.0;
     for (std::size_t e = 0; e + 1 < blocks_.size(); ++e) {
       const Block& block = blocks_[e];
       Kind& kind = kinds_[static_cast<std::size_t>(block.kind)];
       const double* inverse = inverse_of(kind, 0);
-      if (inverse == nullptr) return HUGE_VAL;
+      if (inverse == nullptr) {  // singular
+        largest = HUGE_VAL;
+        continue;
+      }
       right.fill(0.0);
       for (auto r = block.rows; r < blocks_[e + 1].rows; ++r) {
         const auto row = static_cast<std::size_t>(r);
@@ -181,7 +191,7 @@ double BlockSweeps::contraction() {
           const Entry& entry = entries_[static_cast<std::size_t>(k)];
           right[static_cast<std::size_t>(reading_[row].row)] +=
               std::abs(entry.value) *
-              (entry.column < count_ ? x[static_cast<std::size_t>(entry.column)] : size);
+              (entry.column < count_ ? x[entry.column] : others[entry.column - count_]);
         }
       }
       for (int i = 0; i < kind.size; ++i) {
@@ -191,12 +201,10 @@ double BlockSweeps::contraction() {
         left[static_cast<std::size_t>(i)] = sum;
         largest = std::max(largest, sum);
       }
-      std::copy_n(left.begin(), kind.size, x.begin() + block.first);
+      std::copy_n(left.begin(), kind.size, x.data() + block.first);
     }
-    if (largest == 0.0) return 0.0;
-    size = largest;
   }
-  return std::pow(size, 1.0 / products);
+  return std::pow(largest, 1.0 / products);
 }
 
 // The matrix of a set has identity rows where it is active. Null if it is singular.

@@ -2,7 +2,7 @@
 # scheme is of order 1, in the constraint w uniformly and on all four levels in L1. Fifty: an impact of one element makes
 # no state of any other jump.
 #
-# ranks: 1
+# ranks: 2
 # timeout: 240
 import json
 import math
@@ -165,12 +165,23 @@ def test_neighbours(folder, verdict):
 
 def test_many(folder, verdict):
     """A hundred elements reach the wall in one step: a system with as many pivots that are zero."""
-    file, summary = run(write_scene(folder, "many", homsp(2.0, 1e-2), flexible(300, topology="ring")))
+    scene = write_scene(folder, "many", homsp(2.0, 1e-2), flexible(300, topology="ring"))
+    file, summary = run(scene, options=("-sweepvi_predictor", "active-set"))
     most = file["/solver/active"][:].max()
     verdict.expect(
         summary["max_residual"] <= 1e-10 and most >= 100,
         f"ring of 300: up to {most} in contact, worst certificate {summary['max_residual']:.1e}",
     )
+
+
+def test_no_factorization(folder, verdict):
+    """Elements are weakly coupled, also across ranks and with outputs of very different size: none is needed."""
+    for ranks in (1, 2):
+        _, summary = run(write_scene(folder, "weak", homsp(1.5, 1e-2), flexible(50)), ranks=ranks)
+        verdict.expect(
+            summary["factorizations"] == 0 and summary["predictor_hits"] == summary["steps"],
+            f"50 on {ranks} ranks: {summary['factorizations']} factorizations, {summary['predictor_hits']} hits in {summary['steps']} steps",
+        )
 
 
 def main():
@@ -181,6 +192,7 @@ def main():
             test_order(folder, count, verdict)
         test_neighbours(folder, verdict)
         test_many(folder, verdict)
+        test_no_factorization(folder, verdict)
     verdict.exit()
 
 
