@@ -28,7 +28,7 @@ protected:
   /// Level rule, and the box it makes of the step.
   void begin_levels(Vec lower, Vec upper);
   /// Puts what is at its bound, up to rounding of these terms, exactly there. @return whether anything moved
-  bool put_held(Vec u, Vec terms);
+  bool put_held(Vec u, Vec row_terms_of_u);
   /// row_terms, or those of rows whose output stands at a bound of the step.
   virtual void terms_where_held(Vec u, Vec terms) { row_terms(u, terms); }
   /// Takes the settled u with F = f. @param gains  F on level r over mu, per constraint

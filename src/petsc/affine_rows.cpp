@@ -52,6 +52,8 @@ void multiply(const std::vector<PetscInt>& starts, const std::vector<PetscInt>& 
               last = static_cast<std::size_t>(starts[static_cast<std::size_t>(i) + 1]);
          k < last; ++k) {
       const PetscInt column = columns[k];
+      // Columns beyond our own are there only with ghosts.
+      // NOLINTNEXTLINE(clang-analyzer-core.NullDereference)
       const double product = values[k] * (column < count ? own[column] : others[column - count]);
       if constexpr (WithSum) sum += product;
       if constexpr (WithSize) size += std::abs(product);

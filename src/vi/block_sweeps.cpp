@@ -21,9 +21,9 @@ constexpr double settled = 1e-16;  // change of what a row reads, over its terms
 bool invert(std::vector<double>& a, int n) {
   std::vector<double> inverse(a.size(), 0.0);
   for (int i = 0; i < n; ++i)
-    inverse[static_cast<std::size_t>(i * n + i)] = 1.0;
+    inverse[static_cast<std::size_t>(i) * static_cast<std::size_t>(n + 1)] = 1.0;
   const auto at = [n](std::vector<double>& m, int i, int j) -> double& {
-    return m[static_cast<std::size_t>(i * n + j)];
+    return m[static_cast<std::size_t>(i) * static_cast<std::size_t>(n) + static_cast<std::size_t>(j)];
   };
   for (int k = 0; k < n; ++k) {
     int pivot = k;
@@ -215,7 +215,8 @@ const double* BlockSweeps::inverse_of(Kind& kind, Mask active) {
   for (int i = 0; i < kind.size; ++i) {
     if ((active >> i & 1U) == 0) continue;
     for (int j = 0; j < kind.size; ++j)
-      pattern.inverse[static_cast<std::size_t>(i * kind.size + j)] = i == j ? 1.0 : 0.0;
+      pattern.inverse[static_cast<std::size_t>(i) * static_cast<std::size_t>(kind.size) +
+                      static_cast<std::size_t>(j)] = i == j ? 1.0 : 0.0;
   }
   if (!invert(pattern.inverse, kind.size)) pattern.inverse.clear();
   kind.patterns.push_back(std::move(pattern));
@@ -256,7 +257,7 @@ const double* BlockSweeps::solve_block(Kind& kind, const double* right, const do
     for (int i = 0; i < size; ++i) {
       const bool has_lower = lower[i] > PETSC_NINFINITY, has_upper = upper[i] < PETSC_INFINITY;
       if (!has_lower && !has_upper) continue;
-      const double* row = kind.matrix.data() + i * size;
+      const double* row = kind.matrix.data() + static_cast<std::ptrdiff_t>(i) * size;
       double f = 0.0, terms = std::abs(right[i]);
       for (int j = 0; j < size; ++j) {
         const double product = row[j] * u[j];
@@ -363,7 +364,7 @@ double BlockSweeps::next_sweep(double* u, const double* others) {
       change = std::max(change, std::abs(by) / size_read);
       const double* column = inverses_[e] + j;
       for (int i = 0; i < size; ++i)
-        u[block.first + i] -= column[i * size] * by;
+        u[block.first + i] -= column[static_cast<std::ptrdiff_t>(i) * size] * by;
     }
   }
   MPI_Allreduce(MPI_IN_PLACE, &change, 1, MPI_DOUBLE, MPI_MAX, comm_);
