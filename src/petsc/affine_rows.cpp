@@ -40,29 +40,6 @@ private:
   const PetscScalar* values_ = nullptr;
 };
 
-/// sum_k K_ik u_k in `sum`, of absolute values in `size`.
-template <bool WithSum, bool WithSize>
-void multiply(const std::vector<PetscInt>& starts, const std::vector<PetscInt>& columns,
-              const std::vector<double>& values, const double* own, const double* others, PetscInt count,
-              const double* b, const double* b_terms, double* f, double* terms) {
-  for (PetscInt i = 0; i < count; ++i) {
-    double sum = 0.0;
-    double size = 0.0;
-    for (auto k = static_cast<std::size_t>(starts[static_cast<std::size_t>(i)]),
-              last = static_cast<std::size_t>(starts[static_cast<std::size_t>(i) + 1]);
-         k < last; ++k) {
-      const PetscInt column = columns[k];
-      // Columns beyond our own are there only with ghosts.
-      // NOLINTNEXTLINE(clang-analyzer-core.NullDereference)
-      const double product = values[k] * (column < count ? own[column] : others[column - count]);
-      if constexpr (WithSum) sum += product;
-      if constexpr (WithSize) size += std::abs(product);
-    }
-    if constexpr (WithSum) f[i] = sum - b[i];
-    if constexpr (WithSize) terms[i] = size + b_terms[i];
-  }
-}
-
 }  // namespace
 
 AffineRows::AffineRows(Mat K) {
@@ -119,13 +96,31 @@ const double* AffineRows::ghosts(Vec u) const {
   return values.data();
 }
 
+// What a row is summed from: its sum and that of the absolute values; the compiler leaves out what is not
+// used.
+inline AffineRows::Row AffineRows::row(PetscInt i, const double* own, const double* others) const {
+  const PetscInt count = size();
+  Row result;
+  for (auto k = static_cast<std::size_t>(starts_[static_cast<std::size_t>(i)]),
+            last = static_cast<std::size_t>(starts_[static_cast<std::size_t>(i) + 1]);
+       k < last; ++k) {
+    const PetscInt column = columns_[k];
+    // Columns beyond our own are there only with ghosts.
+    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference)
+    const double product = values_[k] * (column < count ? own[column] : others[column - count]);
+    result.sum += product;
+    result.size += std::abs(product);
+  }
+  return result;
+}
+
 void AffineRows::residual(Vec u, Vec b, Vec f) const {
   const double* others = ghosts(u);
   const ReadArray own(u);
   const ReadArray right(b);
   const WriteArray result(f);
-  multiply<true, false>(starts_, columns_, values_, own.data(), others, size(), right.data(), nullptr,
-                        result.data(), nullptr);
+  for (PetscInt i = 0; i < size(); ++i)
+    result[i] = row(i, own.data(), others).sum - right[i];
 }
 
 void AffineRows::terms(Vec u, Vec b_terms, Vec terms) const {
@@ -133,8 +128,8 @@ void AffineRows::terms(Vec u, Vec b_terms, Vec terms) const {
   const ReadArray own(u);
   const ReadArray right(b_terms);
   const WriteArray result(terms);
-  multiply<false, true>(starts_, columns_, values_, own.data(), others, size(), nullptr, right.data(),
-                        nullptr, result.data());
+  for (PetscInt i = 0; i < size(); ++i)
+    result[i] = row(i, own.data(), others).size + right[i];
 }
 
 void AffineRows::evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const {
@@ -144,8 +139,11 @@ void AffineRows::evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const {
   const ReadArray right_terms(b_terms);
   const WriteArray result(f);
   const WriteArray size_of(terms);
-  multiply<true, true>(starts_, columns_, values_, own.data(), others, size(), right.data(),
-                       right_terms.data(), result.data(), size_of.data());
+  for (PetscInt i = 0; i < size(); ++i) {
+    const Row products = row(i, own.data(), others);
+    result[i] = products.sum - right[i];
+    size_of[i] = products.size + right_terms[i];
+  }
 }
 
 void AffineRows::add_product(Vec u, Vec sum, Vec terms) const {
@@ -154,29 +152,14 @@ void AffineRows::add_product(Vec u, Vec sum, Vec terms) const {
   const WriteArray result(sum);
   const WriteArray size_of(terms);
   for (PetscInt i = 0; i < size(); ++i) {
-    double row_sum = 0.0;
-    double row_size = 0.0;
-    for (auto k = static_cast<std::size_t>(starts_[static_cast<std::size_t>(i)]),
-              last = static_cast<std::size_t>(starts_[static_cast<std::size_t>(i) + 1]);
-         k < last; ++k) {
-      const PetscInt column = columns_[k];
-      const double product = values_[k] * (column < size() ? own[column] : others[column - size()]);
-      row_sum += product;
-      row_size += std::abs(product);
-    }
-    result[i] += row_sum;
-    size_of[i] += row_size;
+    const Row products = row(i, own.data(), others);
+    result[i] += products.sum;
+    size_of[i] += products.size;
   }
 }
 
-double AffineRows::terms_of(PetscInt row, const double* own, const double* others) const {
-  const auto i = static_cast<std::size_t>(row);
-  double sum = 0.0;
-  for (auto k = static_cast<std::size_t>(starts_[i]); k < static_cast<std::size_t>(starts_[i + 1]); ++k) {
-    const PetscInt column = columns_[k];
-    sum += std::abs(values_[k] * (column < size() ? own[column] : others[column - size()]));
-  }
-  return sum;
+double AffineRows::terms_of(PetscInt i, const double* own, const double* others) const {
+  return row(i, own, others).size;
 }
 
 }  // namespace sweepvi

@@ -14,8 +14,6 @@ public:
   /// Copies the entries of K (AIJ). @note Collective, like all that takes vectors.
   explicit AffineRows(Mat K);
 
-  explicit operator bool() const { return !starts_.empty(); }
-
   /// f = K u - b
   void residual(Vec u, Vec b, Vec f) const;
   /// terms = |K| |u| + |b|_terms
@@ -26,7 +24,7 @@ public:
   /// sum += K u, terms += |K| |u|
   void add_product(Vec u, Vec sum, Vec terms) const;
   /// |K| |u| in one row. @note Not collective.
-  double terms_of(PetscInt row, const double* own, const double* others) const;
+  double terms_of(PetscInt i, const double* own, const double* others) const;
 
   PetscInt size() const { return static_cast<PetscInt>(starts_.size()) - 1; }
   /// Rows are [starts[i], starts[i+1]) of columns and values. Columns count this rank's entries of a vector
@@ -39,6 +37,11 @@ public:
   const double* ghosts(Vec u) const;
 
 private:
+  struct Row {
+    double sum = 0.0, size = 0.0;
+  };
+  Row row(PetscInt i, const double* own, const double* others) const;
+
   std::vector<PetscInt> starts_, columns_;
   std::vector<double> values_;
   Scatter scatter_;  // empty: no rank reads another one's

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 
 #include "petsc/sparse.hpp"
@@ -101,7 +100,19 @@ BlockSweeps::BlockSweeps(MPI_Comm comm, const AffineRows& rows, const std::vecto
   MPI_Allreduce(MPI_IN_PLACE, &small, 1, MPI_INT, MPI_LAND, comm);
   rate_ = small != 0 ? contraction() : HUGE_VAL;
   MPI_Allreduce(MPI_IN_PLACE, &rate_, 1, MPI_DOUBLE, MPI_MAX, comm);
-  if (worthwhile()) find_scalars();
+  if (worthwhile())
+    find_scalars();
+  else
+    forget_blocks();
+}
+
+void BlockSweeps::forget_blocks() {
+  blocks_ = {};
+  reading_ = {};
+  entries_ = {};
+  read_ = {};
+  inverses_ = {};
+  active_ = {};
 }
 
 void BlockSweeps::find_scalars() {
@@ -113,12 +124,8 @@ void BlockSweeps::find_scalars() {
   if (!scalars_) return;
   for (std::size_t e = 0; e + 1 < blocks_.size(); ++e)
     inverse_diagonal_.push_back(1.0 / kinds_[static_cast<std::size_t>(blocks_[e].kind)].matrix[0]);
-  blocks_ = {};  // K is all that is needed
-  reading_ = {};
-  entries_ = {};
+  forget_blocks();  // K is all that is needed
   read_.assign(static_cast<std::size_t>(count_), 0.0);
-  inverses_ = {};
-  active_ = {};
 }
 
 bool BlockSweeps::find_blocks(const AffineRows& rows, const std::vector<PetscInt>& block) {

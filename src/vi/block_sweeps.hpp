@@ -63,6 +63,7 @@ private:
   double scalar_sweep(const double* u, const double* b, const double* lower, const double* upper,
                       const double* others, double* next) const;
   void find_scalars();
+  void forget_blocks();
   bool find_blocks(const AffineRows& rows, const std::vector<PetscInt>& block);
   double contraction();
   const double* inverse_of(Kind& kind, Mask active);
