@@ -45,11 +45,18 @@ inline constexpr double held_rtol = 1e-12;
 class AffineRows;
 
 /// A step whose F is affine, F(u) = K u - b, and whose unknowns fall into blocks that may be solved one by
-/// one.
+/// one, or are states and multipliers.
 struct AffineStep {
   const AffineRows* rows = nullptr;              ///< K; null: the step is not of this kind
   Vec right_side = nullptr;                      ///< b, of the step that was begun
-  const std::vector<PetscInt>* block = nullptr;  ///< of each of this rank's unknowns
+  const std::vector<PetscInt>* block = nullptr;  ///< of each of this rank's unknowns; null: no blocks
+  /// Of each of this rank's unknowns: 0 of a state, which has no bounds, i >= 1 of a multiplier of level i.
+  /// Null: no such distinction.
+  const std::vector<int>* level = nullptr;
+  /// Multipliers of this rank, in their order, that have the row nu = 0 in this step in place of that of K.
+  /// May be shorter.
+  const std::vector<char>* pinned = nullptr;
+  std::uint64_t version = 0;  ///< where there are levels: changes with K
 };
 
 /// The elements of a system as blocks; a small system is a single one. @param block  of each unknown of this
@@ -104,7 +111,7 @@ public:
     residual(u, f);
     row_terms(u, terms);
   }
-  /// What K is, while `jacobian_version` stays the same. @note Not collective.
+  /// What K is, while `jacobian_version` (with levels: `version`) stays the same. @note Not collective.
   virtual AffineStep affine() const { return {}; }
   virtual void jacobian(Vec u, Mat jacobian) = 0;
   /// dF/du itself, where `jacobian` gives a solver something that is easier to factor.

@@ -10,6 +10,7 @@
 namespace sweepvi {
 
 class BlockSweeps;
+class PathPredictor;
 class Certificate;
 class OuterLinearisation;
 class Predictor;
@@ -164,6 +165,7 @@ private:
   std::unique_ptr<Certificate> judge_;
   std::unique_ptr<BlockSweeps> sweeps_;
   std::uint64_t swept_version_ = 0;  // of the Jacobian that sweeps_ is for
+  std::unique_ptr<PathPredictor> paths_;
   std::unique_ptr<Predictor> predictor_;
   std::unique_ptr<OuterLinearisation> pivoting_;  // from the first step that needs it
   Vector u_, f_, lower_, upper_, guess_;

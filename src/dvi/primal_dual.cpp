@@ -176,6 +176,13 @@ void PrimalDual::assemble(const Blocks& blocks) {
   }
   K_ = rows.finish(comm(), states.size() + multipliers.size());
   abs_K_ = absolute_copy(K_.get());
+  rows_ = AffineRows(K_.get());
+  ++rows_version_;
+  level_of_unknown_.assign(static_cast<std::size_t>(states.size()), 0);
+  for (std::size_t a = 0; a < levels_.constraints(); ++a)
+    for (int i = 1; i <= levels_.levels(a); ++i)
+      level_of_unknown_.push_back(i);
+  level_of_unknown_.resize(static_cast<std::size_t>(states.size() + multipliers.size()), 1);  // upper walls
   reading_ = absolute_up_to(K_.get(), 1.0);
   E_ = Matrix::share(blocks.E.get());
   abs_E_ = absolute_copy(blocks.E.get());

@@ -4,6 +4,7 @@
 
 #include "dvi/level_dvi.hpp"
 #include "dvi/output_forcing.hpp"
+#include "petsc/affine_rows.hpp"
 #include "sweepvi/linear_dvi.hpp"
 
 namespace sweepvi {
@@ -41,6 +42,9 @@ public:
   Degenerate degenerate() const override {
     return Degenerate::off_bound;
   }  // outputs are held where they touch
+  AffineStep affine() const override {
+    return {&rows_, rhs_.get(), nullptr, &level_of_unknown_, &pinned_, rows_version_};
+  }
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
   void visit(StateVisitor& visitor) override;
@@ -100,6 +104,9 @@ private:
   PetscInt local_x_ = 0;
   bool has_increment_ = false;  // constant forcing: found once
   Matrix K_, abs_K_;
+  AffineRows rows_;                    // K
+  std::uint64_t rows_version_ = 0;
+  std::vector<int> level_of_unknown_;  // 0: a state
   Matrix reading_;            // |K| up to 1
   Matrix abs_A_;              // empty: theta = 1
   Matrix E_, abs_E_, abs_H_;  // H: empty without D

@@ -12,6 +12,7 @@
 #include "vi/block_sweeps.hpp"
 #include "vi/certificate.hpp"
 #include "vi/outer_linearisation.hpp"
+#include "vi/path_sweeps.hpp"
 #include "vi/predictor.hpp"
 
 namespace sweepvi {
@@ -94,6 +95,7 @@ StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes)
     throw InputError("-snes_type " + chosen_type_ +
                      " does not solve box VIs; use vinewtonrsls or vinewtonssls");
   configure(snes_, chosen_type_.c_str());
+  if (predictor_options_.sweeps) paths_ = std::make_unique<PathPredictor>(problem);
   if (predictor_options_.active_set) predictor_ = std::make_unique<Predictor>(problem, jacobian_.get());
   if (solver_options_.linearisation == Linearisation::outer)
     pivoting_ = std::make_unique<OuterLinearisation>(problem);  // now, because it may refuse
@@ -244,7 +246,7 @@ bool StepSolver::sweep() {
   constexpr int most_rounds = 6;
   if (!predictor_options_.sweeps) return false;
   const AffineStep affine = problem_.affine();
-  if (affine.rows == nullptr) return false;
+  if (affine.rows == nullptr || affine.block == nullptr) return false;
   if (!sweeps_ || swept_version_ != problem_.jacobian_version()) {
     sweeps_ =
         std::make_unique<BlockSweeps>(problem_.comm(), *affine.rows, *affine.block, problem_.degenerate());
@@ -275,6 +277,8 @@ bool StepSolver::predict() {
   if (sweep()) return true;
   check(VecCopy(guess_.get(), u_.get()));
   const auto ratio = [this](Vec u) { return settled_ratio(u); };
+  if (paths_ && paths_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio)) return true;
+  check(VecCopy(guess_.get(), u_.get()));
   return predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio);
 }
 
