@@ -57,6 +57,7 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   check(MatCreateVecs(relative_degree.Z.get(), nullptr, output_g_old_.put()));
   output_g_new_ = duplicate(output_g_old_.get());
   defect_ = duplicate(output_g_old_.get());
+  cross_terms_ = duplicate(output_g_old_.get());
   local_x_ = row_range(system.A.get()).size();
   assemble(blocks);
   check(MatCreateVecs(K_.get(), u_.put(), nullptr));
@@ -218,7 +219,9 @@ void PrimalDual::find_cross_coupling() {
   }
   Matrix cross = rows.finish(comm(), outputs.size());
   MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, comm());
-  if (any != 0) cross_ = std::move(cross);
+  if (any == 0) return;
+  cross_ = std::move(cross);
+  cross_rows_ = AffineRows(cross_.get());
 }
 
 // The increment is completed along d_{a,i}, i < r, by c with (I + cross) c = defect; nothing to solve without

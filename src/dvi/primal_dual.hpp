@@ -62,6 +62,7 @@ private:
   void assemble(const Blocks& blocks);
   void find_cross_coupling();
   void find_unit_outputs();
+  void find_cross_jumps(Vec u);
   void find_held(Vec u);
   void project_held(Vec u);
   void put_unit_outputs(Vec u);
@@ -111,9 +112,11 @@ private:
   Matrix abs_A_;              // empty: theta = 1
   Matrix E_, abs_E_, abs_H_;  // H: empty without D
   Matrix cross_;              // Z D off its unit diagonal, levels below r; empty: no cross coupling
+  AffineRows cross_rows_;     // of it
   Matrix completion_;         // I + cross_
   LinearSolver completion_solver_;
-  Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_;  // layouts: x, multipliers, outputs
+  Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_,
+      cross_terms_;  // layouts: x, multipliers, outputs
   Vector push_, nu_, abs_nu_;                                      // layouts: x, multipliers
   Vector rhs_, rhs_terms_, work_, terms_, inherited_;
   std::vector<char> pinned_;           // local outputs

@@ -30,15 +30,44 @@ void PrimalDual::find_output_scale(Vec u) {
   }
 }
 
+namespace {
+constexpr double known_net = 1e-14;  // of an output's scale: a measure is known up to that
+}
+
+// What measures of other constraints do to each output, and what that is known up to, over held_rtol.
+void PrimalDual::find_cross_jumps(Vec u) {
+  if (!cross_) return;
+  find_net_multipliers(u, net_);
+  const auto product = [&](auto&& of, Vec result) {
+    {
+      const WriteArray measures(output_g_old_.get());
+      for (std::size_t q = 0; q < net_.size(); ++q)
+        measures[static_cast<PetscInt>(q)] = of(q);
+    }
+    check(VecSet(result, 0.0));
+    check(VecSet(output_g_new_.get(), 0.0));
+    cross_rows_.add_product(output_g_old_.get(), result, output_g_new_.get());
+  };
+  const auto counts = [&](std::size_t q) { return std::abs(net_[q]) > known_net * output_scale_[q]; };
+  product([&](std::size_t q) {
+    return counts(q) ? std::abs(net_[q]) + known_net / held_rtol * output_scale_[q] : 0.0;
+  }, defect_.get());
+  check(VecCopy(output_g_new_.get(), cross_terms_.get()));
+  product([&](std::size_t q) { return counts(q) ? net_[q] : 0.0; }, defect_.get());
+}
+
 // Which outputs stand at a bound of the step, up to rounding; their values, exact where held.
 //
 // Below level r, an output that Z x + g cannot tell from its bound is known better from AB (32): where no
-// measure acts on it, z_i = z_{i,k} + h z_{i+1,theta}. So a mass that leaves its wall slowly, far from the
-// origin, does leave.
+// measure of its own acts on it, z_i = z_{i,k} + h z_{i+1,theta} + (what measures of others do to it). So a
+// mass that leaves its wall slowly, far from the origin, does leave.
 void PrimalDual::find_held(Vec u) {
   find_output_scale(u);
+  find_cross_jumps(u);
   evaluate(u, work_.get());
   const ReadArray output(work_.get());
+  const ReadArray cross(defect_.get());
+  const ReadArray cross_terms(cross_terms_.get());
   crowded_ = {};
   std::size_t wall = 0;
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
@@ -46,10 +75,14 @@ void PrimalDual::find_held(Vec u) {
     for (int i = levels_.levels(a); i >= 1; --i) {
       const std::size_t q = levels_.at(a, i);
       const double z = output[local_x_ + static_cast<PetscInt>(q)];
-      const bool follows = i < levels_.levels(a) && crossed_[q] == 0;
-      const double expected = follows ? levels_.z[q] + h_ * rate_of(q, settled_z_) : 0.0;
+      const bool follows = i < levels_.levels(a);
+      double expected = follows ? levels_.z[q] + h_ * rate_of(q, settled_z_) : 0.0;
       fine = follows ? std::abs(levels_.z[q]) + h_ * (fine + (1.0 - theta_) * std::abs(levels_.z[q + 1]))
                      : output_scale_[q];
+      if (follows && cross_) {
+        expected += cross[static_cast<PetscInt>(q)];
+        fine += cross_terms[static_cast<PetscInt>(q)];
+      }
       open_[q] = 0;
       const bool near = !pinned(q) && std::abs(z) <= held_rtol * output_scale_[q];
       if (near && follows && orientation(a, i) * expected > held_rtol * fine) open_[q] = 1;
@@ -164,7 +197,7 @@ void PrimalDual::recover_lower_measures(Vec u) {
     {
       const WriteArray measures(output_g_old_.get());
       for (std::size_t q = 0; q < net_.size(); ++q)
-        measures[static_cast<PetscInt>(q)] = std::abs(net_[q]) > held_rtol * output_scale_[q] ? net_[q] : 0.0;
+        measures[static_cast<PetscInt>(q)] = std::abs(net_[q]) > known_net * output_scale_[q] ? net_[q] : 0.0;
     }
     check(MatMult(cross_.get(), output_g_old_.get(), defect_.get()));
   }
