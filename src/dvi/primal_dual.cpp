@@ -4,7 +4,6 @@
 #include <cmath>
 #include <utility>
 
-#include "dvi/residue.hpp"
 #include "dvi/stacked.hpp"
 #include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
@@ -43,7 +42,6 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   at_upper_.assign(upper_walls_.size(), 0);
   held_.assign(levels_.z.size(), 0);
   open_.assign(levels_.z.size(), 0);
-  crossed_.assign(levels_.z.size(), 0);
   settled_z_.assign(levels_.z.size(), 0.0);
 
   const Blocks blocks = make_blocks();
@@ -52,8 +50,6 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   if (theta != 1.0) abs_A_ = absolute_copy(system.A.get());
   push_ = duplicate(phi_.get());
   check(MatCreateVecs(blocks.E.get(), g_.put(), nullptr));
-  nu_ = duplicate(g_.get());
-  abs_nu_ = duplicate(g_.get());
   check(MatCreateVecs(relative_degree.Z.get(), nullptr, output_g_old_.put()));
   output_g_new_ = duplicate(output_g_old_.get());
   defect_ = duplicate(output_g_old_.get());
@@ -61,7 +57,7 @@ PrimalDual::PrimalDual(const LinearSystem& system, const RelativeDegree& relativ
   local_x_ = row_range(system.A.get()).size();
   assemble(blocks);
   check(MatCreateVecs(K_.get(), u_.put(), nullptr));
-  for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_, &inherited_})
+  for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_, &inherited_, &spread_, &pushed_})
     *vector = duplicate(u_.get());
   if (with_levels_ || completes_) find_cross_coupling();
   if (completes_) prepare_completion();
@@ -176,18 +172,13 @@ void PrimalDual::assemble(const Blocks& blocks) {
     rows.end_row();
   }
   K_ = rows.finish(comm(), states.size() + multipliers.size());
-  abs_K_ = absolute_copy(K_.get());
-  rows_ = AffineRows(K_.get());
+  rows_ = SaddleRows(K_.get(), states.size());
   ++rows_version_;
   level_of_unknown_.assign(static_cast<std::size_t>(states.size()), 0);
   for (std::size_t a = 0; a < levels_.constraints(); ++a)
     for (int i = 1; i <= levels_.levels(a); ++i)
       level_of_unknown_.push_back(i);
   level_of_unknown_.resize(static_cast<std::size_t>(states.size() + multipliers.size()), 1);  // upper walls
-  reading_ = absolute_up_to(K_.get(), 1.0);
-  E_ = Matrix::share(blocks.E.get());
-  abs_E_ = absolute_copy(blocks.E.get());
-  if (blocks.H) abs_H_ = absolute_copy(blocks.H.get());
 }
 
 // How measures along the d_{b,j} reach the outputs of other constraints: Z D without its unit diagonal, rows
@@ -212,7 +203,6 @@ void PrimalDual::find_cross_coupling() {
       const auto [column, value] = values[k];
       if (column == row || std::abs(value) <= held_rtol * terms[k].second) continue;
       rows.add(column, value);
-      crossed_[q] = 1;
       any = 1;
     }
     rows.end_row();
@@ -292,6 +282,7 @@ void PrimalDual::add_old_rates() {
 
 void PrimalDual::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   levels_.apply_level_rule();
+  scales_known_ = false;
   check(VecSet(lower, PETSC_NINFINITY));
   check(VecSet(upper, PETSC_INFINITY));
   {
@@ -336,14 +327,8 @@ void PrimalDual::find_right_side(Vec guess) {
   }
 }
 
-// F before levels above r* are pinned: on multiplier rows the outputs themselves.
-void PrimalDual::evaluate(Vec u, Vec f) {
-  check(MatMult(K_.get(), u, f));
-  check(VecAXPY(f, -1.0, rhs_.get()));
-}
-
 void PrimalDual::residual(Vec u, Vec f) {
-  evaluate(u, f);
+  rows_.rows().residual(u, rhs_.get(), f);
   const ReadArray values(u);
   const WriteArray residual(f);
   for (std::size_t q = 0; q < pinned_.size(); ++q) {
@@ -360,48 +345,42 @@ void PrimalDual::residual(Vec u, Vec f) {
 // such a row reads is known only up to the terms of the rows below it, so a tenth of those counts as its own:
 // terms + R^{r-1} terms / 10 (r at least 2; R: |K| up to 1), which leaves rows with terms of their own as
 // they are.
-void PrimalDual::known_terms(Vec u, Vec terms) {
-  check(VecCopy(u, work_.get()));
-  check(VecAbs(work_.get()));
-  take_multipliers(work_.get(), abs_nu_.get());
-  check(MatMultAdd(abs_K_.get(), work_.get(), rhs_terms_.get(), terms));
-  find_push(u);
-  add_states(push_.get(), terms);
-  if (abs_H_) {
-    check(MatMult(abs_H_.get(), abs_nu_.get(), nu_.get()));
-    const ReadArray own(nu_.get());
-    const WriteArray result(terms);
-    for (PetscInt q = 0; q < own.size(); ++q)
-      result[local_x_ + q] += own[q];
+//
+// f becomes F before levels above r* are pinned, pushed_ what multipliers of a row cancel among themselves.
+void PrimalDual::known_terms(Vec u, Vec f, SaddleRows::Part part, Vec terms) {
+  rows_.evaluate(u, rhs_.get(), rhs_terms_.get(), f, terms, pushed_.get());
+  Vec from = terms;
+  Vec to = inherited_.get();
+  const int sweeps = std::max(2, relative_degree_.highest) - 1;
+  for (int i = 1; i <= sweeps; ++i) {
+    rows_.read_states(from, 1.0, i < sweeps ? SaddleRows::Part::states : part, to);
+    from = std::exchange(to, i == 1 ? spread_.get() : from);
   }
-  check(VecCopy(terms, inherited_.get()));
-  for (int i = 1; i < std::max(2, relative_degree_.highest); ++i)
-    spread_terms(inherited_.get());
-  check(VecAXPY(terms, 0.1, inherited_.get()));
+  const ReadArray inherited(from);
+  const WriteArray result(terms);
+  const PetscInt count = part == SaddleRows::Part::states ? local_x_ : result.size();
+  for (PetscInt i = 0; i < count; ++i)
+    result[i] += 0.1 * inherited[i];
 }
 
 void PrimalDual::row_terms(Vec u, Vec terms) {
-  known_terms(u, terms);
-  check(VecScale(push_.get(), -1.0));  // its terms, in place of their sum
-  check(MatMultAdd(abs_E_.get(), abs_nu_.get(), push_.get(), push_.get()));
-  add_states(push_.get(), terms);
-  const ReadArray values(u);
-  const WriteArray result(terms);
-  for (std::size_t q = 0; q < pinned_.size(); ++q) {
-    const PetscInt row = local_x_ + static_cast<PetscInt>(q);
-    if (pinned(q)) result[row] = std::abs(values[row]);
-  }
+  residual_and_terms(u, work_.get(), terms);
 }
 
-// |E nu|, into push_.
-void PrimalDual::find_push(Vec u) {
-  {
-    const ReadArray values(u);
-    const WriteArray multipliers(nu_.get());
-    std::copy_n(values.data() + local_x_, multipliers.size(), multipliers.data());
+void PrimalDual::residual_and_terms(Vec u, Vec f, Vec terms) {
+  known_terms(u, f, SaddleRows::Part::all, terms);
+  const ReadArray values(u);
+  const ReadArray pushed(pushed_.get());
+  const WriteArray residual(f);
+  const WriteArray result(terms);
+  for (PetscInt i = 0; i < local_x_; ++i)
+    result[i] += pushed[i];
+  for (std::size_t q = 0; q < pinned_.size(); ++q) {
+    if (!pinned(q)) continue;
+    const PetscInt row = local_x_ + static_cast<PetscInt>(q);
+    residual[row] = values[row];
+    result[row] = std::abs(values[row]);
   }
-  check(MatMult(E_.get(), nu_.get(), push_.get()));
-  check(VecAbs(push_.get()));
 }
 
 void PrimalDual::add_states(Vec states, Vec terms) const {
@@ -411,24 +390,11 @@ void PrimalDual::add_states(Vec states, Vec terms) const {
     to[i] += from[i];
 }
 
-// Moves the multipliers of u into a vector of their own.
-void PrimalDual::take_multipliers(Vec u, Vec nu) const {
-  const WriteArray values(u);
-  const WriteArray multipliers(nu);
-  for (PetscInt q = 0; q < multipliers.size(); ++q)
-    multipliers[q] = std::exchange(values[local_x_ + q], 0.0);
-}
-
+// Multipliers hand on nothing.
 bool PrimalDual::spread_terms(Vec terms) {
-  clear_multipliers(terms);
-  check(MatMult(reading_.get(), terms, work_.get()));
+  rows_.read_states(terms, 1.0, SaddleRows::Part::all, work_.get());
   check(VecCopy(work_.get(), terms));
   return true;
-}
-
-void PrimalDual::clear_multipliers(Vec u) const {
-  const WriteArray values(u);
-  std::fill(values.data() + local_x_, values.data() + values.size(), 0.0);
 }
 
 void PrimalDual::jacobian(Vec, Mat jacobian) {

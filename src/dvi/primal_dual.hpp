@@ -4,7 +4,7 @@
 
 #include "dvi/level_dvi.hpp"
 #include "dvi/output_forcing.hpp"
-#include "petsc/affine_rows.hpp"
+#include "dvi/saddle_rows.hpp"
 #include "sweepvi/linear_dvi.hpp"
 
 namespace sweepvi {
@@ -36,6 +36,7 @@ public:
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
+  void residual_and_terms(Vec u, Vec f, Vec terms) override;
   bool spread_terms(Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return pinned_version_; }
@@ -43,7 +44,7 @@ public:
     return Degenerate::off_bound;
   }  // outputs are held where they touch
   AffineStep affine() const override {
-    return {&rows_, rhs_.get(), nullptr, &level_of_unknown_, &pinned_, rows_version_};
+    return {&rows_.rows(), rhs_.get(), nullptr, &level_of_unknown_, &pinned_, rows_version_};
   }
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;
@@ -75,12 +76,8 @@ private:
   double rate_of(std::size_t q, const std::vector<double>& z) const {
     return theta_ * z[q + 1] + (1.0 - theta_) * levels_.z[q + 1];
   }
-  void evaluate(Vec u, Vec f);
   void find_output_scale(Vec u);
-  void clear_multipliers(Vec u) const;
-  void take_multipliers(Vec u, Vec nu) const;
-  void known_terms(Vec u, Vec terms);
-  void find_push(Vec u);
+  void known_terms(Vec u, Vec f, SaddleRows::Part part, Vec terms);
   void add_states(Vec states, Vec terms) const;
   void evaluate_g(double t, Vec g);
   bool pinned(std::size_t q) const { return pinned_[q] != 0; }
@@ -104,21 +101,19 @@ private:
   std::vector<double> no_outputs_;
   PetscInt local_x_ = 0;
   bool has_increment_ = false;  // constant forcing: found once
-  Matrix K_, abs_K_;
-  AffineRows rows_;                    // K
+  Matrix K_;
+  SaddleRows rows_;                    // K
   std::uint64_t rows_version_ = 0;
   std::vector<int> level_of_unknown_;  // 0: a state
-  Matrix reading_;            // |K| up to 1
   Matrix abs_A_;              // empty: theta = 1
-  Matrix E_, abs_E_, abs_H_;  // H: empty without D
   Matrix cross_;              // Z D off its unit diagonal, levels below r; empty: no cross coupling
   AffineRows cross_rows_;     // of it
   Matrix completion_;         // I + cross_
   LinearSolver completion_solver_;
   Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_,
       cross_terms_;  // layouts: x, multipliers, outputs
-  Vector push_, nu_, abs_nu_;                                      // layouts: x, multipliers
-  Vector rhs_, rhs_terms_, work_, terms_, inherited_;
+  Vector push_;  // layout: x
+  Vector rhs_, rhs_terms_, work_, terms_, inherited_, spread_, pushed_;
   std::vector<char> pinned_;           // local outputs
   std::uint64_t pinned_version_ = 0;   // counts changes of pinned_ and of h
   std::vector<PetscInt> unit_state_;   // local state that an output is, or -1
@@ -126,12 +121,12 @@ private:
   bool any_mixed_ = false;             // on some rank: an output made of several states
   bool any_remote_ = false;            // on some rank
   std::vector<double> unit_scale_;
-  std::vector<char> crossed_;         // outputs that measures of other constraints move
   std::vector<char> held_;            // outputs that stand at a bound
   std::vector<char> open_;            // outputs that do not, though Z x + g cannot tell
   std::vector<char> at_upper_;        // upper walls they stand at
   std::vector<double> settled_z_;     // outputs, exact where held
   std::vector<double> net_;           // multipliers of the outputs, upper walls subtracted
+  bool scales_known_ = false;         // output_scale_ is that of this step
   std::vector<double> output_scale_;  // an output below held_rtol times this is held
   PetscInt first_row_ = 0;            // global number of this rank's first unknown
 };

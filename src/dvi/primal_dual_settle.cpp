@@ -12,12 +12,11 @@ namespace sweepvi {
 
 // How well each output is known: the terms of the rows of x it is made of, |Z| T + |g|, and the next level's
 // own uncertainty through z_i = z_{i,k} + h z_{i+1}. Zx + g alone would not do: in contact all of Z x may be
-// residue.
+// residue. The outputs are left in work_.
 void PrimalDual::find_output_scale(Vec u) {
-  known_terms(u, terms_.get());
-  clear_multipliers(terms_.get());
-  check(MatMult(abs_K_.get(), terms_.get(), work_.get()));
-  const ReadArray spread(work_.get());
+  known_terms(u, work_.get(), SaddleRows::Part::states, terms_.get());
+  rows_.read_states(terms_.get(), HUGE_VAL, SaddleRows::Part::multipliers, spread_.get());
+  const ReadArray spread(spread_.get());
   const ReadArray g(g_.get());
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
     double above = 0.0;
@@ -62,9 +61,11 @@ void PrimalDual::find_cross_jumps(Vec u) {
 // measure of its own acts on it, z_i = z_{i,k} + h z_{i+1,theta} + (what measures of others do to it). So a
 // mass that leaves its wall slowly, far from the origin, does leave.
 void PrimalDual::find_held(Vec u) {
-  find_output_scale(u);
+  if (scales_known_)
+    rows_.outputs(u, rhs_.get(), work_.get());
+  else
+    find_output_scale(u);
   find_cross_jumps(u);
-  evaluate(u, work_.get());
   const ReadArray output(work_.get());
   const ReadArray cross(defect_.get());
   const ReadArray cross_terms(cross_terms_.get());
@@ -112,7 +113,9 @@ void PrimalDual::find_held(Vec u) {
 // take it for an output that is honestly open, and rows made of residue alone could never be certified. So
 // held outputs are put on their bound in x too, and their measures below level r follow from AB (32).
 void PrimalDual::settle(Vec u) {
+  scales_known_ = false;
   find_held(u);
+  scales_known_ = true;
   {
     const WriteArray values(u);
     for (std::size_t a = 0; a < levels_.constraints(); ++a) {
@@ -140,23 +143,21 @@ void PrimalDual::settle(Vec u) {
 // what one of them leaves in another.
 void PrimalDual::project_held(Vec u) {
   for (int pass = 0; pass < 2; ++pass) {
-    evaluate(u, work_.get());
+    if (pass > 0) rows_.outputs(u, rhs_.get(), work_.get());  // find_held has left them there
     {
-      const ReadArray output(work_.get());
-      const WriteArray residue(defect_.get());
+      const WriteArray output(work_.get());
       for (std::size_t q = 0; q < held_.size(); ++q) {
-        const auto local = static_cast<PetscInt>(q);
-        residue[local] = held_[q] != 0 || open_[q] != 0 ? output[local_x_ + local] - settled_z_[q] : 0.0;
+        double& residue = output[local_x_ + static_cast<PetscInt>(q)];
+        residue = held_[q] != 0 || open_[q] != 0 ? residue - settled_z_[q] : 0.0;
       }
-      for (std::size_t k = 0; k < upper_walls_.size(); ++k)
+      for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
+        double& residue = output[local_x_ + upper_at(k)];
         if (at_upper_[k] != 0)
-          residue[static_cast<PetscInt>(levels_.at(upper_walls_[k], 1))] = -output[local_x_ + upper_at(k)];
+          output[local_x_ + static_cast<PetscInt>(levels_.at(upper_walls_[k], 1))] = -residue;
+        residue = 0.0;
+      }
     }
-    check(MatMultTranspose(relative_degree_.directions.get(), defect_.get(), shift_.get()));
-    const ReadArray shift(shift_.get());
-    const WriteArray values(u);
-    for (PetscInt i = 0; i < local_x_; ++i)
-      values[i] -= shift[i];
+    rows_.add_pushes(work_.get(), u);  // K has -d in its columns
   }
 }
 
