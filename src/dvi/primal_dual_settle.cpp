@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "petsc/sparse.hpp"
 
@@ -31,6 +32,7 @@ void PrimalDual::find_output_scale(Vec u) {
 
 namespace {
 constexpr double known_net = 1e-14;  // of an output's scale: a measure is known up to that
+constexpr double sum_rounding = 2.0 * std::numeric_limits<double>::epsilon();  // of an output's own terms
 }
 
 // What measures of other constraints do to each output, and what that is known up to, over held_rtol.
@@ -140,15 +142,20 @@ void PrimalDual::settle(Vec u) {
 }
 
 // x -= sum d_{a,i} (z_{a,i} - what it is) over the outputs that are known better than by Z x + g; twice, for
-// what one of them leaves in another.
+// what one of them leaves in another. What is no more than the rounding of that sum itself stays: it cannot
+// be taken off, and a small state next to a large one - a ball near the origin under one further up - would
+// be moved for nothing.
 void PrimalDual::project_held(Vec u) {
   for (int pass = 0; pass < 2; ++pass) {
     if (pass > 0) rows_.outputs(u, rhs_.get(), work_.get());  // find_held has left them there
     {
+      const ReadArray terms(terms_.get());
       const WriteArray output(work_.get());
       for (std::size_t q = 0; q < held_.size(); ++q) {
-        double& residue = output[local_x_ + static_cast<PetscInt>(q)];
+        const PetscInt row = local_x_ + static_cast<PetscInt>(q);
+        double& residue = output[row];
         residue = held_[q] != 0 || open_[q] != 0 ? residue - settled_z_[q] : 0.0;
+        if (std::abs(residue) <= sum_rounding * terms[row]) residue = 0.0;
       }
       for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
         double& residue = output[local_x_ + upper_at(k)];

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <random>
 
 #include "petsc/sparse.hpp"
@@ -13,6 +14,9 @@ namespace {
 
 constexpr int most_sweeps = 12;
 constexpr double settled = 1e-16;  // change of a state over the terms of its row
+constexpr double sum_rounding =
+    2.0 * std::numeric_limits<double>::epsilon();  // of an output: nothing to push against, and a small
+                                                   // state next to a large one would feel it
 
 /// What a multiplier's row of the tridiagonal matrix holds, as ranks send it to rank 0.
 struct PathRow {
@@ -405,10 +409,14 @@ void PathSweeps::solve_paths(Phase& phase, Vec u, Vec b, Bounds bounds, const st
       const auto m = static_cast<std::size_t>(phase.multipliers[k]);
       const PetscInt i = multiplier_[m];
       double sum = -right[i];
+      double size = std::abs(right[i]);
       for (auto e = phase.outputs.starts[k]; e < phase.outputs.starts[k + 1]; ++e) {
         const Entry& entry = phase.outputs.entries[static_cast<std::size_t>(e)];
-        sum += entry.value * value(entry.column, values.data(), others);
+        const double term = entry.value * value(entry.column, values.data(), others);
+        sum += term;
+        size += std::abs(term);
       }
+      if (std::abs(sum) <= sum_rounding * size) sum = 0.0;
       w_[k] = m < pinned.size() && pinned[m] != 0 ? HUGE_VAL : sum;
       x_[k] = values[i];
     }

@@ -105,7 +105,6 @@ public:
       if (!sweeps_->solve(u, step.right_side, lower, upper, *step.pinned)) return false;
       const double before = reached;
       reached = ratio(u);
-      if (getenv("SWEEPVI_DEBUG")) fprintf(stderr, "round %d ratio %g\n", round, reached);
       if (reached <= target) return true;
       if (round > 1 && !(reached < 0.5 * before)) return false;
     }
