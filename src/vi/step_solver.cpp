@@ -277,7 +277,10 @@ bool StepSolver::predict() {
   if (sweep()) return true;
   check(VecCopy(guess_.get(), u_.get()));
   const auto ratio = [this](Vec u) { return settled_ratio(u); };
-  if (paths_ && paths_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio)) return true;
+  if (paths_ && paths_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio)) {
+    check(VecCopy(settled_.get(), u_.get()));  // is known, and need not be judged again
+    return true;
+  }
   check(VecCopy(guess_.get(), u_.get()));
   return predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio);
 }
