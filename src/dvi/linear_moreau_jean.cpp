@@ -100,7 +100,12 @@ void LinearMoreauJean::assemble() {
   const Matrix J = scaled(1.0, h_ * theta_, h_ * h_ * theta_ * theta_);
   matrix_ = dual_ ? saddle(J.get()) : Matrix::share(J.get());
   rows_ = AffineRows(matrix_.get());
-  if (dual_) abs_matrix_ = absolute_copy(matrix_.get());
+  if (dual_) {
+    abs_matrix_ = absolute_copy(matrix_.get());
+    ++rows_version_;
+    level_of_unknown_.assign(static_cast<std::size_t>(local_), 0);
+    level_of_unknown_.resize(static_cast<std::size_t>(rows_.size()), 1);
+  }
   of_v_ = AffineRows(scaled(1.0, -h_ * rest, -h_ * h_ * theta_ * rest).get());
   of_q_ = AffineRows(scaled({}, {}, -h_).get());
 }
@@ -247,7 +252,9 @@ void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) 
   }
   {
     const WriteArray start(guess);
+    pinned_.resize(contacts_.size());
     for (std::size_t a = 0; a < contacts_.size(); ++a) {
+      pinned_[a] = pinned(a) ? 1 : 0;
       if (pinned(a))
         start[row(a)] = 0.0;
       else

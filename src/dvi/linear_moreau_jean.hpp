@@ -32,7 +32,8 @@ public:
   void residual_and_terms(Vec u, Vec f, Vec terms) override;
   void settle_and_judge(Vec u, Vec f, Vec terms) override;
   AffineStep affine() const override {
-    return dual_ ? AffineStep{} : AffineStep{&rows_, rhs_.get(), &blocks_};
+    if (dual_) return {&rows_, rhs_.get(), nullptr, &level_of_unknown_, &pinned_, rows_version_};
+    return {&rows_, rhs_.get(), &blocks_};
   }
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }
@@ -78,6 +79,9 @@ private:
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
   std::vector<double> tested_;
   double fastest_ = 0.0;       // largest |v_k|
+  std::vector<int> level_of_unknown_;  // primal-dual; 0: a velocity
+  std::vector<char> pinned_;           // primal-dual, constraints
+  std::uint64_t rows_version_ = 0;
   std::uint64_t version_ = 0;  // counts changes of what is pinned and of h
   PetscInt first_row_ = 0;     // global number of this rank's first unknown
 };
