@@ -197,7 +197,8 @@ void PrimalDual::find_net_multipliers(Vec u, std::vector<double>& net) const {
 }
 
 // mu_i = z_{i,k+1} - z_{i,k} - h z_{i+1,k+1} - (what other constraints' measures do to z_i), i < r, where z_i
-// is held.
+// is held. Measures that move each other stay as they are where they are more than residue: found one by one,
+// each from what its neighbours were, they would not be those of one and the same point.
 void PrimalDual::recover_lower_measures(Vec u) {
   check(VecSet(defect_.get(), 0.0));
   if (cross_) {
@@ -220,7 +221,10 @@ void PrimalDual::recover_lower_measures(Vec u) {
       const std::size_t q = levels_.at(a, i);
       if (held_[q] == 0 || (i == 1 && z[q] > 0.0)) continue;
       const double direction = orientation(a, i);
-      values[local_x_ + static_cast<PetscInt>(q)] = direction * std::max(0.0, direction * jump(q));
+      double& nu = values[local_x_ + static_cast<PetscInt>(q)];
+      const bool crossed = cross_ && cross_rows_.starts()[q + 1] > cross_rows_.starts()[q];
+      if (crossed && direction * nu > held_rtol * output_scale_[q]) continue;
+      nu = direction * std::max(0.0, direction * jump(q));
     }
   }
   for (std::size_t k = 0; k < upper_walls_.size(); ++k)

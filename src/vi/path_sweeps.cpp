@@ -324,6 +324,7 @@ bool PathSweeps::find_paths(Phase& phase, Mat tridiagonal) {
 // multipliers free and with none.
 void PathSweeps::find_rate() {
   constexpr int sweeps = 3;
+  constexpr double nothing = 1e-9;  // of what was there at first
   const Vector u = duplicate(change_.get());
   const Vector zero = duplicate(change_.get());
   check(VecSet(zero.get(), 0.0));
@@ -349,11 +350,12 @@ void PathSweeps::find_rate() {
         values[i] = 0.0;
     }
     double largest = 0.0;
-    double before = size_of();
+    const double start = size_of();
+    double before = start;
     for (int k = 0; k < sweeps; ++k) {
       sweep(u.get(), zero.get(), bounds, {});
       const double now = size_of();
-      if (k > 0 && before > 0.0) largest = std::max(largest, now / before);
+      if (k > 0 && before > nothing * start) largest = std::max(largest, now / before);
       if (!std::isfinite(now)) largest = HUGE_VAL;
       before = now;
     }
