@@ -102,17 +102,17 @@ private:
   PetscInt local_x_ = 0;
   bool has_increment_ = false;  // constant forcing: found once
   Matrix K_;
-  SaddleRows rows_;                    // K
+  SaddleRows rows_;  // K
   std::uint64_t rows_version_ = 0;
   std::vector<int> level_of_unknown_;  // 0: a state
-  Matrix abs_A_;              // empty: theta = 1
-  Matrix cross_;              // Z D off its unit diagonal, levels below r; empty: no cross coupling
-  AffineRows cross_rows_;     // of it
-  Matrix completion_;         // I + cross_
+  Matrix abs_A_;                       // empty: theta = 1
+  Matrix cross_;                       // Z D off its unit diagonal, levels below r; empty: no cross coupling
+  AffineRows cross_rows_;              // of it
+  Matrix completion_;                  // I + cross_
   LinearSolver completion_solver_;
   Vector shift_, phi_, g_, output_g_old_, output_g_new_, defect_,
       cross_terms_;  // layouts: x, multipliers, outputs
-  Vector push_;  // layout: x
+  Vector push_;      // layout: x
   Vector rhs_, rhs_terms_, work_, terms_, inherited_, spread_, pushed_;
   std::vector<char> pinned_;           // local outputs
   std::uint64_t pinned_version_ = 0;   // counts changes of pinned_ and of h

@@ -33,7 +33,7 @@ void PrimalDual::find_output_scale(Vec u) {
 namespace {
 constexpr double known_net = 1e-14;  // of an output's scale: a measure is known up to that
 constexpr double sum_rounding = 2.0 * std::numeric_limits<double>::epsilon();  // of an output's own terms
-}
+}  // namespace
 
 // What measures of other constraints do to each output, and what that is known up to, over held_rtol.
 void PrimalDual::find_cross_jumps(Vec u) {
@@ -50,9 +50,11 @@ void PrimalDual::find_cross_jumps(Vec u) {
     cross_rows_.add_product(output_g_old_.get(), result, output_g_new_.get());
   };
   const auto counts = [&](std::size_t q) { return std::abs(net_[q]) > known_net * output_scale_[q]; };
-  product([&](std::size_t q) {
-    return counts(q) ? std::abs(net_[q]) + known_net / held_rtol * output_scale_[q] : 0.0;
-  }, defect_.get());
+  product(
+      [&](std::size_t q) {
+        return counts(q) ? std::abs(net_[q]) + known_net / held_rtol * output_scale_[q] : 0.0;
+      },
+      defect_.get());
   check(VecCopy(output_g_new_.get(), cross_terms_.get()));
   product([&](std::size_t q) { return counts(q) ? net_[q] : 0.0; }, defect_.get());
 }

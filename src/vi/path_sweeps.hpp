@@ -15,8 +15,8 @@ namespace sweepvi {
 ///     J x - E nu = b,      0 <= nu  _|_  G x + H nu + g >= 0,
 ///
 /// whose constraints push each other along paths, as the contacts of a column of balls do: level by level,
-/// from the highest one down. The states that a level's outputs read are taken by the diagonal D of J, and the
-/// level's multipliers from the LCP of G D^-1 E + H, which is tridiagonal in the order of the paths
+/// from the highest one down. The states that a level's outputs read are taken by the diagonal D of J, and
+/// the level's multipliers from the LCP of G D^-1 E + H, which is tridiagonal in the order of the paths
 /// (TridiagonalLcp). Where J couples states and levels in one direction only - balls that nothing but contact
 /// couples - one sweep is exact; springs and dampers are carried by further ones, which contract like h.
 ///
@@ -50,14 +50,15 @@ private:
   };
   struct Phase {
     int level = 0;
-    std::vector<PetscInt> states;       // in the order in which they are taken
-    std::vector<double> inverse;        // of their diagonals
-    SparseRows reads;                   // their rows of K without the diagonal
-    SparseRows pushes;                  // D^-1 E, this level's multipliers
-    std::vector<PetscInt> multipliers;  // counted from the rank's first; on one rank in the order of the paths
-    SparseRows outputs;                 // their rows of K
-    TridiagonalLcp paths;               // rank 0's
-    Scatter to_paths;                   // on several ranks, as `gathered`: rank 0 has all paths
+    std::vector<PetscInt> states;  // in the order in which they are taken
+    std::vector<double> inverse;   // of their diagonals
+    SparseRows reads;              // their rows of K without the diagonal
+    SparseRows pushes;             // D^-1 E, this level's multipliers
+    std::vector<PetscInt>
+        multipliers;       // counted from the rank's first; on one rank in the order of the paths
+    SparseRows outputs;    // their rows of K
+    TridiagonalLcp paths;  // rank 0's
+    Scatter to_paths;      // on several ranks, as `gathered`: rank 0 has all paths
     Vector gathered;
   };
 
@@ -78,13 +79,13 @@ private:
   const AffineRows& rows_;
   PetscInt count_ = 0;  // unknowns
   int ranks_ = 1;
-  bool exact_ = false;                    // one sweep is
-  double rate_ = 0.0;                     // contraction of a sweep
-  std::vector<Phase> phases_;             // highest level first; the last one has states only
-  std::vector<PetscInt> multiplier_;      // unknown of each multiplier of this rank
-  std::vector<double> w_, x_, y_;         // of a phase's multipliers
+  bool exact_ = false;                         // one sweep is
+  double rate_ = 0.0;                          // contraction of a sweep
+  std::vector<Phase> phases_;                  // highest level first; the last one has states only
+  std::vector<PetscInt> multiplier_;           // unknown of each multiplier of this rank
+  std::vector<double> w_, x_, y_;              // of a phase's multipliers
   std::vector<double> all_w_, all_x_, all_y_;  // on rank 0 of several: of all of them
-  Vector change_;                         // layout of u
+  Vector change_;                              // layout of u
 };
 
 /// Hands the step solver a point that its certificate accepts, by PathSweeps, where the step has constraints

@@ -13,9 +13,9 @@ namespace sweepvi {
 ///
 /// One pass finds the set of positive components without trying sets: entries are taken in one by one, and
 /// what has become positive stays so, because the solution grows with each (T is an M-matrix). Runs of
-/// neighbours that are positive are kept by what their two ends do in answer to what acts on them from outside
-/// (two-ports, of nonnegative numbers), so that joining two takes the same time however long they are. Then an
-/// elimination (Thomas) in each run, for y: rounding is relative to the change, not to x.
+/// neighbours that are positive are kept by what their two ends do in answer to what acts on them from
+/// outside (two-ports, of nonnegative numbers), so that joining two takes the same time however long they
+/// are. Then an elimination (Thomas) in each run, for y: rounding is relative to the change, not to x.
 ///
 /// Cost O(n), whatever the data. Source: for the problem, and for the growth of the solution, C. W. Cryer,
 /// The efficient solution of linear complementarity problems for tridiagonal Minkowski matrices, ACM Trans.

@@ -138,6 +138,30 @@ class Bench(unittest.TestCase):
         for key in "contact_changes contact_changes_least closed_contacts unknowns constraints predictor_hits jacobian_nonzeros".split():
             self.assertEqual(both[key], alone[key], key)
 
+    def test_a_column_is_solved_along_its_path(self):
+        """Contacts that push each other: without a factorization, and as SNESVI alone solves them."""
+        (self.folder / "settings.toml").write_text("""
+            [[setting]]
+            name = "ours"
+            [[setting]]
+            name = "bare"
+            options = "-sweepvi_predictor none"
+            [[setting]]
+            name = "sets"
+            options = "-sweepvi_predictor active-set"
+            """)
+        for scheme in ("homsp", "moreau-jean"):
+            for ranks in (1, 2, 3):
+                found, _ = self.summary("--count", 10, "--settings", "settings.toml", "--repeats", 1, "--set", "model.count=200",
+                                        "--set", f"time.scheme='{scheme}'", scene=SCALING / "contact.toml", ranks=ranks)  # fmt: skip
+                ours, bare, sets = found["runs"]
+                self.assertEqual([row["status"] for row in found["runs"]], ["done"] * 3)
+                self.assertEqual((ours["predictor_hits"], ours["factorizations"], ours["snes_iterations"]), (10, 0, 0))
+                self.assertGreater(ours["contact_changes_least"], 0)
+                self.assertEqual(bare["predictor_hits"], 0)
+                self.assertGreater(sets["factorizations"], 0)
+                self.assertLess(max(bare["states_differ"], sets["states_differ"]), 1e-12)
+
     def test_contacts_change_in_every_step(self):
         """At any time after a few steps. Phases are spread evenly, so a few hundred elements show it as well as all."""
 

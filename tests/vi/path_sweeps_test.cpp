@@ -1,5 +1,5 @@
-// Sweeps over levels of constraints on paths: they end at the solution of the box VI of the whole step, on any
-// number of ranks, remember nothing, and know steps they do not fit.
+// Sweeps over levels of constraints on paths: they end at the solution of the box VI of the whole step, on
+// any number of ranks, remember nothing, and know steps they do not fit.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -99,8 +99,9 @@ struct Problem {
     }
   }
 
-  /// Worst natural residual over the terms of its row at u, by PETSc's products. Outputs are known up to the terms
-  /// of the states they read, a tenth of which counts as theirs, as in PrimalDual. Pinned multipliers are 0.
+  /// Worst natural residual over the terms of its row at u, by PETSc's products. Outputs are known up to the
+  /// terms of the states they read, a tenth of which counts as theirs, as in PrimalDual. Pinned multipliers
+  /// are 0.
   double ratio() const {
     const PetscInt states = 2 * balls_per_rank;
     check(MatMult(K.get(), u.get(), f.get()));
@@ -216,9 +217,9 @@ TEST(PathSweeps, KnowWhereTheyAreOfNoUse) {
     return problem.sweeps(rows).worthwhile();
   };
   EXPECT_TRUE(worthwhile({}));
-  EXPECT_FALSE(worthwhile({.spring = 100.0}));   // as strong as the masses
-  EXPECT_FALSE(worthwhile({.sign = 1.0}));       // no M-matrix
-  EXPECT_FALSE(worthwhile({.also_reads = 7}));   // no path
+  EXPECT_FALSE(worthwhile({.spring = 100.0}));  // as strong as the masses
+  EXPECT_FALSE(worthwhile({.sign = 1.0}));      // no M-matrix
+  EXPECT_FALSE(worthwhile({.also_reads = 7}));  // no path
   EXPECT_FALSE(worthwhile({.ring = true}));
   const Problem problem(1);
   const AffineRows rows(problem.K.get());

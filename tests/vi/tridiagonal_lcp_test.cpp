@@ -1,5 +1,5 @@
-// The LCP of a tridiagonal M-matrix, against all sets of small problems, closed forms of large ones, and its own
-// definition.
+// The LCP of a tridiagonal M-matrix, against all sets of small problems, closed forms of large ones, and its
+// own definition.
 //
 // ranks: 1
 #include <gtest/gtest.h>
@@ -72,7 +72,8 @@ std::vector<double> by_enumeration(const Tridiagonal& T, const std::vector<doubl
   return {};
 }
 
-std::vector<double> solve(const Tridiagonal& T, const std::vector<double>& q, const std::vector<double>& start) {
+std::vector<double> solve(const Tridiagonal& T, const std::vector<double>& q,
+                          const std::vector<double>& start) {
   TridiagonalLcp lcp(T.lower, T.diagonal, T.upper);
   EXPECT_TRUE(lcp.is_m_matrix());
   std::vector<double> w = T.times(start);
@@ -132,8 +133,9 @@ TEST(TridiagonalLcp, MeetsItsDefinitionWhereItIsLarge) {
   }
 }
 
-// A row of touching balls hit at one end: the impulse goes through contact by contact, each of which would be open
-// without it. 0 <= x _|_ (2, -1) x + q >= 0 with q = (-1, tiny, tiny, ...). Without ties, and from either end.
+// A row of touching balls hit at one end: the impulse goes through contact by contact, each of which would be
+// open without it. 0 <= x _|_ (2, -1) x + q >= 0 with q = (-1, tiny, tiny, ...). Without ties, and from
+// either end.
 TEST(TridiagonalLcp, FollowsAPushThroughALongRow) {
   constexpr std::size_t n = 3000;
   constexpr double gap = 1e-9;
