@@ -35,9 +35,11 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
                                "Ratio at which the solver stops improving a step [-], > 0",
                                "CertificateOptions", options.target, &options.target, nullptr));
     // Not PetscOptionsEList: in PETSc 3.18 its message on an unknown value overruns its own buffer.
-    PetscCall(PetscOptionsString(
-        "-sweepvi_predictor", "How a step's solution is guessed before SNES: automatic | active-set | none",
-        "PredictorOptions", chosen.data(), chosen.data(), chosen.size(), nullptr));
+    PetscCall(PetscOptionsString("-sweepvi_predictor",
+                                 "How a step's solution is guessed before SNES: automatic (by blocks or "
+                                 "along paths, else active-set) | "
+                                 "active-set | none",
+                                 "PredictorOptions", chosen.data(), chosen.data(), chosen.size(), nullptr));
     PetscCall(PetscOptionsString("-sweepvi_linearisation",
                                  "Who linearises a step: inner, SNES on the nonlinear VI | outer, affine VIs "
                                  "in full steps (to compare)",
