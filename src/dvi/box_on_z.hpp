@@ -27,7 +27,7 @@ public:
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
   void residual_and_terms(Vec u, Vec f, Vec terms) override;
-  void settle_and_judge(Vec u, Vec f, Vec terms) override;
+  RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
   AffineStep affine() const override { return {&rows_, rhs_.get(), &blocks_}; }
   bool spread_terms(Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
@@ -39,7 +39,6 @@ public:
 private:
   PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
   void place_forcing(double t, Vec g_x);
-  void terms_where_held(Vec u, Vec terms) override;
   void find_c(const Step& step);
   void make_rates();
   void add_completion(const Step& step);
