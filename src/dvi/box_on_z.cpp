@@ -50,6 +50,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
 
   // u_0 = W x_0 + g(t_0)
   place_forcing(t_start, g_.get());
+  g_time_ = t_start;
   coordinates_.to_u(system.x0.get(), u_.get());
   check(VecAXPY(u_.get(), 1.0, g_.get()));
   if (coordinates_.plain() && forcing_.vanishes())
@@ -118,9 +119,14 @@ void BoxOnZ::find_c(const Step& step) {
     if (!plain) coordinates_.to_u(forces, c_.get());
     return;
   }
-  place_forcing(step.t_old, g_old_.get());
-  check(VecCopy(g_outputs_.get(), g_outputs_old_.get()));
+  std::swap(g_, g_old_);
+  std::swap(g_outputs_, g_outputs_old_);
+  if (g_time_ != step.t_old) {
+    place_forcing(step.t_old, g_old_.get());
+    check(VecCopy(g_outputs_.get(), g_outputs_old_.get()));
+  }
   place_forcing(step.t_new, g_.get());
+  g_time_ = step.t_new;
   check(VecSet(work_.get(), 0.0));
   system_.f.add_to(work_.get(), step.t_new, 0, step.h * theta_);
   if (old_rates_) system_.f.add_to(work_.get(), step.t_old, 0, step.h * (1.0 - theta_));
