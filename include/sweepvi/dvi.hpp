@@ -42,6 +42,13 @@ enum class Degenerate {
 /// on the bound does not show in the certificate.
 inline constexpr double held_rtol = 1e-12;
 
+/// How far rows of a step are from being solved; of a rank's.
+struct RowRatios {
+  double worst = 0.0;        ///< largest |natural residual| over the row's terms; infinity where not finite
+  bool by_distance = false;  ///< some row passes because u is close to a bound, not because F is small
+  bool outside = false;      ///< some u_i is not in its interval
+};
+
 class AffineRows;
 
 /// A step whose F is affine, F(u) = K u - b, and whose unknowns fall into blocks that may be solved one by
@@ -122,11 +129,8 @@ public:
   virtual Degenerate degenerate() const { return Degenerate::undecided; }
   /// Puts what is at its bound, up to rounding of its own row, exactly there: the largest active set.
   virtual void settle(Vec u) = 0;
-  /// settle, and residual_and_terms of what it leaves.
-  virtual void settle_and_judge(Vec u, Vec f, Vec terms) {
-    settle(u);
-    residual_and_terms(u, f, terms);
-  }
+  /// settle, residual_and_terms of what it leaves, and what rows make of that in the box [lower, upper].
+  virtual RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms);
   /// Whether a certified point is one that the process takes, where its VI has several solutions: the others
   /// count as unsolved. The same on every rank.
   virtual bool admissible(Vec) { return true; }

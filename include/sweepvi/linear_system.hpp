@@ -24,6 +24,8 @@ struct Forcing {
   /// The rows [first, last) of signals that every rank knows in full.
   static Forcing from(const std::vector<Signal>& all, PetscInt first, PetscInt last);
 
+  /// Sets the rows of y that have an entry to 0. @note Not collective.
+  void clear(Vec y) const;
   /// y += factor * d^order f / dt^order at t. @note Not collective; y has the layout of x.
   void add_to(Vec y, double t, int order, double factor) const;
   /// The same of those that vary, to this rank's entries.

@@ -12,6 +12,7 @@ namespace sweepvi {
 class BlockSweeps;
 class PathPredictor;
 class Certificate;
+class JudgedPoint;
 class OuterLinearisation;
 class Predictor;
 
@@ -139,9 +140,9 @@ private:
   static void lift_step_limit(SNES snes);
   SNES other_snes();
   void choose_scale();
-  void bind_bounds(Vec lower, Vec upper);
+  void bind(Vec lower, Vec upper, Vec f);
   double settled_ratio(Vec u);
-  bool judged(Vec u) const;
+  double settle();
   bool predict();
   bool sweep();
   Vec unscaled(Vec scaled_u);
@@ -163,17 +164,18 @@ private:
   SolverOptions solver_options_;
   Matrix jacobian_;
   std::unique_ptr<Certificate> judge_;
+  std::unique_ptr<JudgedPoint> judged_;  // by judge_, with F in f_
   std::unique_ptr<BlockSweeps> sweeps_;
   std::uint64_t swept_version_ = 0;  // of the Jacobian that sweeps_ is for
   std::unique_ptr<PathPredictor> paths_;
   std::unique_ptr<Predictor> predictor_;
   std::unique_ptr<OuterLinearisation> pivoting_;  // from the first step that needs it
   Vector u_, f_, lower_, upper_, guess_;
-  Vector settled_;              // the point last judged
-  double judged_ratio_ = -1.0;  // its ratio, for which f_ is F; below 0: there is none in this step
-  bool at_guess_ = false;       // u_ is where SNES shall start
-  double sigma_ = 1.0;          // SNES works on sigma u and sigma F
-  Vec bound_ = nullptr;         // lower bounds that snes_ has
+  Vector settled_;          // what a point of SNES settles to
+  bool at_guess_ = false;   // u_ is where SNES shall start
+  double sigma_ = 1.0;      // SNES works on sigma u and sigma F
+  Vec bound_ = nullptr;     // lower bounds that snes_ has
+  Vec function_ = nullptr;  // where it has F
   Vector snes_f_, snes_lower_, snes_upper_, unscaled_, terms_;
   double previous_ratio_ = 0.0;
   int failed_solves_ = 0;  // attempts of this step that ended in a linear system

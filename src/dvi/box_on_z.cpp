@@ -35,6 +35,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   for (Vector* vector : {&g_outputs_old_, &defect_})
     *vector = duplicate(g_outputs_.get());
 
+  check(VecSet(c_.get(), 0.0));
   make_rates();
   jumps_ = coordinates_.jumps();
   if (jumps_) {
@@ -49,9 +50,13 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
 
   // u_0 = W x_0 + g(t_0)
   place_forcing(t_start, g_.get());
+  g_time_ = t_start;
   coordinates_.to_u(system.x0.get(), u_.get());
   check(VecAXPY(u_.get(), 1.0, g_.get()));
-  check(VecCopy(system.x0.get(), x_.get()));
+  if (coordinates_.plain() && forcing_.vanishes())
+    x_ = Vector::share(u_.get());
+  else
+    check(VecCopy(system.x0.get(), x_.get()));
   start_from(u_.get());
 }
 
@@ -103,15 +108,25 @@ void BoxOnZ::find_c(const Step& step) {
   if (has_c_ && !forcing_.varies()) return;
   has_c_ = true;
   if (forcing_.vanishes()) {  // so do g and the completion
-    check(VecSet(work_.get(), 0.0));
-    system_.f.add_to(work_.get(), step.t_new, 0, step.h * theta_);
-    if (old_rates_) system_.f.add_to(work_.get(), step.t_old, 0, step.h * (1.0 - theta_));
-    coordinates_.to_u(work_.get(), c_.get());
+    const bool plain = coordinates_.plain();
+    Vec forces = plain ? c_.get() : work_.get();
+    if (plain)
+      system_.f.clear(forces);  // all other rows are 0 for good
+    else
+      check(VecSet(forces, 0.0));
+    system_.f.add_to(forces, step.t_new, 0, step.h * theta_);
+    if (old_rates_) system_.f.add_to(forces, step.t_old, 0, step.h * (1.0 - theta_));
+    if (!plain) coordinates_.to_u(forces, c_.get());
     return;
   }
-  place_forcing(step.t_old, g_old_.get());
-  check(VecCopy(g_outputs_.get(), g_outputs_old_.get()));
+  std::swap(g_, g_old_);
+  std::swap(g_outputs_, g_outputs_old_);
+  if (g_time_ != step.t_old) {
+    place_forcing(step.t_old, g_old_.get());
+    check(VecCopy(g_outputs_.get(), g_outputs_old_.get()));
+  }
   place_forcing(step.t_new, g_.get());
+  g_time_ = step.t_new;
   check(VecSet(work_.get(), 0.0));
   system_.f.add_to(work_.get(), step.t_new, 0, step.h * theta_);
   if (old_rates_) system_.f.add_to(work_.get(), step.t_old, 0, step.h * (1.0 - theta_));
@@ -159,7 +174,9 @@ void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
     const ReadArray c(c_.get());
     const WriteArray rhs(rhs_.get());
     const WriteArray terms(rhs_terms_.get());
+    const WriteArray start(guess);
     for (PetscInt i = 0; i < u.size(); ++i) {
+      start[i] = u[i];
       rhs[i] = u[i] + c[i];
       terms[i] = std::abs(u[i]) + std::abs(c[i]);
     }
@@ -175,7 +192,6 @@ void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
     check(MatMult(abs_inverse_.get(), rhs_terms_.get(), work_.get()));
     check(VecCopy(work_.get(), rhs_terms_.get()));
   }
-  check(VecCopy(u_.get(), guess));
 }
 
 void BoxOnZ::residual(Vec u, Vec f) {
@@ -190,26 +206,12 @@ void BoxOnZ::residual_and_terms(Vec u, Vec f, Vec terms) {
   rows_.evaluate(u, rhs_.get(), rhs_terms_.get(), f, terms);
 }
 
-void BoxOnZ::settle_and_judge(Vec u, Vec f, Vec terms) {
-  residual_and_terms(u, f, terms);
+RowRatios BoxOnZ::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
+  const auto judge = [&] { return rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms); };
+  const RowRatios rows = judge();
   int moved = put_held(u, terms) ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm());
-  if (moved != 0) residual_and_terms(u, f, terms);
-}
-
-void BoxOnZ::terms_where_held(Vec u, Vec terms) {
-  const double* others = rows_.ghosts(u);
-  const ReadArray values(u);
-  const ReadArray right(rhs_terms_.get());
-  const WriteArray result(terms);
-  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
-    for (int i = 1; i <= levels_.level[a]; ++i) {
-      const PetscInt at = place(a, i);
-      const Interval box = levels_.box(a, i);
-      if (values[at] <= box.lower || values[at] >= box.upper)
-        result[at] = rows_.terms_of(at, values.data(), others) + right[at];
-    }
-  }
+  return moved != 0 ? judge() : rows;
 }
 
 bool BoxOnZ::spread_terms(Vec terms) {
@@ -225,6 +227,7 @@ void BoxOnZ::jacobian(Vec, Mat jacobian) {
 
 void BoxOnZ::accept(Vec u, Vec f) {
   take(u, f, relative_degree_.markov_diagonal);
+  if (x_.get() == u_.get()) return;
   if (!forcing_.vanishes()) check(VecWAXPY(work_.get(), -1.0, g_.get(), u));
   coordinates_.to_x(forcing_.vanishes() ? u : work_.get(), x_.get());
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "dvi/output_box.hpp"
@@ -27,7 +28,7 @@ public:
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
   void residual_and_terms(Vec u, Vec f, Vec terms) override;
-  void settle_and_judge(Vec u, Vec f, Vec terms) override;
+  RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
   AffineStep affine() const override { return {&rows_, rhs_.get(), &blocks_}; }
   bool spread_terms(Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
@@ -39,7 +40,6 @@ public:
 private:
   PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
   void place_forcing(double t, Vec g_x);
-  void terms_where_held(Vec u, Vec terms) override;
   void find_c(const Step& step);
   void make_rates();
   void add_completion(const Step& step);
@@ -48,18 +48,19 @@ private:
   const RelativeDegree& relative_degree_;
   OutputForcing forcing_;
   OutputCoordinates coordinates_;
-  double theta_;                                   // weight of t_{k+1}
-  Matrix plain_K_;                                 // I - h theta R
-  Matrix old_rates_, abs_old_rates_;               // h (1-theta) R; empty: theta = 1
-  Matrix jumps_, inverse_jumps_, abs_inverse_;     // J, J^{-1}, its absolute values; empty: identity
-  Matrix K_;                                       // J^{-1} plain_K_
-  AffineRows rows_;                                // of K
-  std::vector<PetscInt> blocks_;                   // of each unknown
-  Matrix reading_;                                 // |K| up to 1; from the first step that needs it
-  std::uint64_t version_ = 0;                      // counts changes of h
-  bool has_c_ = false;                             // constant forcing: found once
-  Vector g_outputs_old_, g_outputs_, defect_;      // layout of the outputs
-  Vector g_old_, g_, c_, rhs_, rhs_terms_, work_;  // layout of x
+  double theta_;                                // weight of t_{k+1}
+  Matrix plain_K_;                              // I - h theta R
+  Matrix old_rates_, abs_old_rates_;            // h (1-theta) R; empty: theta = 1
+  Matrix jumps_, inverse_jumps_, abs_inverse_;  // J, J^{-1}, its absolute values; empty: identity
+  Matrix K_;                                    // J^{-1} plain_K_
+  AffineRows rows_;                             // of K
+  std::vector<PetscInt> blocks_;                // of each unknown
+  Matrix reading_;                              // |K| up to 1; from the first step that needs it
+  std::uint64_t version_ = 0;                   // counts changes of h
+  double g_time_ = std::numeric_limits<double>::quiet_NaN();  // of g_ and g_outputs_
+  bool has_c_ = false;                                        // constant forcing: found once
+  Vector g_outputs_old_, g_outputs_, defect_;                 // layout of the outputs
+  Vector g_old_, g_, c_, rhs_, rhs_terms_, work_;             // layout of x
 };
 
 }  // namespace sweepvi

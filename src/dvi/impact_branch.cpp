@@ -52,6 +52,17 @@ public:
       if (visit(branch)) return;
   }
 
+  /// Calls visit(branch) for those of these signs, until it returns true.
+  template <class Visit>
+  void visit(double sign_s, double sign_v, Visit&& visit) {
+    if (sign_s != 0.0) {
+      visit(sign_v != 0.0 ? clipped(sign_s, sign_v) : turning(sign_s));
+    } else if (sign_v != 0.0) {
+      for (const Branch& branch : at_wall(sign_v))
+        if (visit(branch)) return;
+    }
+  }
+
 private:
   double r(double p, double q) const { return 1.0 - k_.kappa * p * q; }
   /// x^ from |s|.
@@ -111,13 +122,8 @@ private:
     return {branch(p[0]), branch(p[1])};
   }
 
-  Branch finished(const OscillatorState& state, double acceleration, double sign_s, double sign_v) {
-    const OscillatorTerms terms = terms_of(k_, state);
-    const double misfit_s = sign_s != 0.0 ? over(-sign_s * state.s, terms.s) : std::abs(state.lambda_s) - 1.0;
-    const double misfit_v = sign_v != 0.0 ? over(-sign_v * state.v, terms.v) : std::abs(state.lambda_v) - 1.0;
-    const bool exists = std::isfinite(misfit_s) && std::isfinite(misfit_v);
-    return {state, acceleration,
-            exists ? std::max(misfit_s, misfit_v) : std::numeric_limits<double>::infinity()};
+  static Branch finished(const OscillatorState& state, double acceleration, double sign_s, double sign_v) {
+    return {state, acceleration, sign_s, sign_v, 0.0};
   }
 
   const OscillatorStep& k_;
@@ -138,27 +144,81 @@ OscillatorTerms terms_of(const OscillatorStep& step, const OscillatorState& stat
   return terms;
 }
 
+namespace {
+
+/// Signs fit, to the bit; no rows' terms are needed to see that.
+bool fits(const Branch& branch) {
+  const OscillatorState& state = branch.state;
+  const bool s_fits = branch.sign_s != 0.0 ? branch.sign_s * state.s >= 0.0 : std::abs(state.lambda_s) <= 1.0;
+  const bool v_fits = branch.sign_v != 0.0 ? branch.sign_v * state.v >= 0.0 : std::abs(state.lambda_v) <= 1.0;
+  return s_fits && v_fits && std::isfinite(state.s) && std::isfinite(state.v);
+}
+
+double misfit_of(const OscillatorStep& step, const Branch& branch) {
+  const OscillatorState& state = branch.state;
+  const OscillatorTerms terms = terms_of(step, state);
+  const double misfit_s =
+      branch.sign_s != 0.0 ? over(-branch.sign_s * state.s, terms.s) : std::abs(state.lambda_s) - 1.0;
+  const double misfit_v =
+      branch.sign_v != 0.0 ? over(-branch.sign_v * state.v, terms.v) : std::abs(state.lambda_v) - 1.0;
+  const bool exists = std::isfinite(misfit_s) && std::isfinite(misfit_v);
+  return exists ? std::max(misfit_s, misfit_v) : std::numeric_limits<double>::infinity();
+}
+
+}  // namespace
+
+namespace {
+
+Branch clamped(Branch branch) {
+  branch.state.lambda_s = std::clamp(branch.state.lambda_s, -1.0, 1.0);
+  branch.state.lambda_v = std::clamp(branch.state.lambda_v, -1.0, 1.0);
+  return branch;
+}
+
+}  // namespace
+
 Branch choose_branch(const OscillatorStep& step) {
   Branch best;
   best.misfit = std::numeric_limits<double>::infinity();
   Branches(step).visit([&](const Branch& branch) {
+    if (!fits(branch)) return false;
+    best = branch;
+    return true;
+  });
+  if (best.misfit <= 0.0) return clamped(best);
+  Branches(step).visit([&](Branch branch) {  // rounding lies between all of them and a fit
+    branch.misfit = misfit_of(step, branch);
     if (branch.misfit < best.misfit) best = branch;
     return best.misfit <= 0.0;
   });
-  best.state.lambda_s = std::clamp(best.state.lambda_s, -1.0, 1.0);
-  best.state.lambda_v = std::clamp(best.state.lambda_v, -1.0, 1.0);
-  return best;
+  return clamped(best);
+}
+
+bool keep_branch(const OscillatorStep& step, Branch& branch) {
+  bool kept = false;
+  Branches(step).visit(branch.sign_s, branch.sign_v, [&](const Branch& now) {
+    if (!fits(now)) return false;
+    branch = clamped(now);
+    return kept = true;
+  });
+  return kept;
 }
 
 bool prefers_another(const OscillatorStep& step, const OscillatorState& state) {
   constexpr double same = 1e-6;   // branches that meet are one; the others differ by much of their terms
   constexpr double clear = 1e-8;  // fits whatever the rounding
-  const OscillatorTerms terms = terms_of(step, state);
+  const auto near = [&](const Branch& branch, double s, double v) {
+    return std::abs(branch.state.s - state.s) <= same * s && std::abs(branch.state.v - state.v) <= same * v;
+  };
   bool another = false;
   Branches(step).visit([&](const Branch& branch) {
-    const bool reached = std::abs(branch.state.s - state.s) <= same * terms.s &&
-                         std::abs(branch.state.v - state.v) <= same * terms.v;
-    another = !reached && branch.misfit <= -clear;
+    // Of their terms, or of two of them, which is less and known.
+    bool reached = near(branch, std::abs(step.old.s), std::abs(step.old.v));
+    if (!reached) {
+      const OscillatorTerms terms = terms_of(step, state);
+      reached = near(branch, terms.s, terms.v);
+    }
+    another = !reached && fits(branch) && misfit_of(step, branch) <= -clear;
     return reached || another;
   });
   return another;

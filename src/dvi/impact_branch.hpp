@@ -5,6 +5,7 @@ namespace sweepvi {
 /// An oscillator in transformed coordinates.
 struct OscillatorState {
   double s = 0.0, v = 0.0, lambda_s = 0.0, lambda_v = 0.0;
+  bool operator==(const OscillatorState&) const = default;
 };
 
 /// One step of one oscillator, its neighbours frozen: the acceleration is a + by_x x^ + by_velocity x'^. The
@@ -37,13 +38,18 @@ OscillatorTerms terms_of(const OscillatorStep& step, const OscillatorState& stat
 /// A solution of an oscillator's VI in its two signs.
 struct Branch {
   OscillatorState state;
-  double acceleration = 0.0;  ///< that it was found with
+  double acceleration = 0.0;          ///< that it was found with
+  double sign_s = 0.0, sign_v = 0.0;  ///< signs it is made for; 0: between -1 and 1, where the variable is 0
   /// How far, relative to the rows' terms, its signs are from fitting; 0 or less: it is a solution.
   double misfit = 0.0;
 };
 
 /// The branch that the rule of ImpactDvi takes: the first that fits, or the one that comes nearest.
 Branch choose_branch(const OscillatorStep& step);
+
+/// The branch of the same signs, after data of the step changed a little, if that fits: `branch` becomes it.
+/// Its state is not looked at. Whether the rule takes another one now is for prefers_another to say.
+bool keep_branch(const OscillatorStep& step, Branch& branch);
 
 /// Whether the rule prefers another branch to `state`, a solution of the step: one that fits by more than
 /// rounding.

@@ -35,7 +35,7 @@ void LevelState::apply_level_rule() {
   }
 }
 
-void LevelState::advance(const std::vector<double>& z_new) {
+void LevelState::advance(std::vector<double>& z_new) {
   events.clear();
   for (std::size_t a = 0; a < constraints(); ++a) {
     const auto number = static_cast<PetscInt>(a);
@@ -53,7 +53,7 @@ void LevelState::advance(const std::vector<double>& z_new) {
     if (old_side != Side::none && new_side != old_side)
       events.push_back({number, old_side, level[a], false, 0.0});
   }
-  z = z_new;
+  z.swap(z_new);
 }
 
 double LevelState::penetration(MPI_Comm comm) const {

@@ -66,7 +66,7 @@ struct LevelState {
 
   /// Takes the outputs and measures of a finished step and derives its events: an impact on level i where the
   /// measure stops an output that was heading out (or a gap that closes), a lift-off where contact ends.
-  void advance(const std::vector<double>& z_new);
+  void advance(std::vector<double>& z_new);
 
   double penetration(MPI_Comm comm) const;
   PetscInt active() const;

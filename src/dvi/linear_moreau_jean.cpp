@@ -80,6 +80,7 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
   }
   contacts_.start(std::move(gaps), product(system.H.get(), v_.get()), system.e.get());
   tested_.resize(contacts_.size());
+  held_terms_.assign(contacts_.size(), 0.0);
 
   for (const Forcing::Entry& entry : system.f.constant) {
     const WriteArray forces(forces_.get());
@@ -368,20 +369,18 @@ void LinearMoreauJean::settle(Vec u) {
   put_held(u, known_.get());
 }
 
-void LinearMoreauJean::settle_and_judge(Vec u, Vec f, Vec terms) {
-  if (dual_) {
-    Dvi::settle_and_judge(u, f, terms);
-    return;
-  }
-  residual_and_terms(u, f, terms);
+RowRatios LinearMoreauJean::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
+  if (dual_) return Dvi::settle_and_judge(u, lower, upper, f, terms);
+  const auto judge = [&] { return rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms); };
+  const RowRatios rows = judge();
   int moved = put_held(u, terms) ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm());
-  if (moved != 0) residual_and_terms(u, f, terms);
+  return moved != 0 ? judge() : rows;
 }
 
 // By the terms of each row; primal-dual by F before rows are pinned, too, which is in work_. Says whether
 // anything moved.
-bool LinearMoreauJean::put_held(Vec u, Vec terms) const {
+bool LinearMoreauJean::put_held(Vec u, Vec terms) {
   bool moved = false;
   const ReadArray scale(terms);
   const ReadArray f(work_.get());
@@ -391,6 +390,7 @@ bool LinearMoreauJean::put_held(Vec u, Vec terms) const {
     const double before = value;
     if (!dual_) {
       const double bound = contacts_.rebound(a) / weight_[a];
+      held_terms_[a] = scale[row(a)];
       if (contacts_.detected(a) && std::abs(value - bound) <= held_rtol * scale[row(a)]) value = bound;
     } else {
       const bool open = f[row(a)] > value && f[row(a)] > held_rtol * scale[row(a)];
@@ -435,18 +435,15 @@ void LinearMoreauJean::accept(Vec u, Vec f) {
     row_terms(u, known_.get());
     evaluate(u, work_.get());  // F before rows are pinned
   }
-  const double* others = dual_ ? nullptr : rows_.ghosts(u);
   {
     const ReadArray terms(known_.get());
-    const ReadArray rhs_terms(rhs_terms_.get());
     const ReadArray residual(dual_ ? work_.get() : f);
     const ReadArray values(u);
     const ReadArray scale(scale_.get());
     for (std::size_t a = 0; a < contacts_.size(); ++a) {
       const PetscInt i = row(a);
       const double noise = !contacts_.detected(a) ? 0.0  // not asked for
-                           : dual_                ? held_rtol * terms[i]
-                                   : held_rtol * (rhs_terms[i] + rows_.terms_of(i, values.data(), others));
+                                                  : held_rtol * (dual_ ? terms[i] : held_terms_[a]);
       const double old = contacts_.velocity[a];
       const double rebound = contacts_.rebound(a);
       bool holds = contacts_.detected(a);

@@ -30,7 +30,7 @@ public:
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
   void residual_and_terms(Vec u, Vec f, Vec terms) override;
-  void settle_and_judge(Vec u, Vec f, Vec terms) override;
+  RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
   AffineStep affine() const override {
     if (dual_) return {&rows_, rhs_.get(), nullptr, &level_of_unknown_, &pinned_, rows_version_};
     return {&rows_, rhs_.get(), &blocks_};
@@ -55,7 +55,7 @@ private:
   void find_rhs(const Step& step);
   void find_theta_forces(const Step& step);
   void evaluate(Vec u, Vec f);
-  bool put_held(Vec u, Vec terms) const;
+  bool put_held(Vec u, Vec terms);
   void account();
   PetscInt row(std::size_t a) const { return dual_ ? local_ + static_cast<PetscInt>(a) : place_[a]; }
   bool pinned(std::size_t a) const { return dual_ && !contacts_.detected(a); }
@@ -78,6 +78,7 @@ private:
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
   std::vector<double> tested_;
+  std::vector<double> held_terms_;  // box on v: of the constraints' rows, when settled
   double fastest_ = 0.0;               // largest |v_k|
   std::vector<int> level_of_unknown_;  // primal-dual; 0: a velocity
   std::vector<char> pinned_;           // primal-dual, constraints

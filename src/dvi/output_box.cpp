@@ -20,6 +20,8 @@ Matrix implicit_euler(Mat rates, double h) {
 
 void OutputBox::start_from(Vec u) {
   terms_ = duplicate(u);
+  z_new_.resize(levels_.z.size());
+  held_terms_.assign(levels_.z.size(), 0.0);
   const ReadArray values(u);
   for (std::size_t q = 0; q < places_.size(); ++q)
     levels_.z[q] = values[places_[q]];
@@ -27,19 +29,34 @@ void OutputBox::start_from(Vec u) {
     levels_.w[a] = levels_.z[levels_.at(a, 1)];
 }
 
+// Bounds are the same from step to step but for a few constraints: only those are written, where the vectors
+// are still as they were left.
 void OutputBox::begin_levels(Vec lower, Vec upper) {
   levels_.apply_level_rule();
-  check(VecSet(lower, PETSC_NINFINITY));
-  check(VecSet(upper, PETSC_INFINITY));
-  const WriteArray l(lower);
-  const WriteArray b(upper);
-  for (std::size_t a = 0; a < levels_.constraints(); ++a) {
-    for (int i = 1; i <= levels_.level[a]; ++i) {
-      const Interval box = levels_.box(a, i);
-      l[place(a, i)] = box.lower;
-      b[place(a, i)] = box.upper;
+  if (lower != lower_ || upper != upper_ || state_of(lower) != lower_state_ ||
+      state_of(upper) != upper_state_) {
+    check(VecSet(lower, PETSC_NINFINITY));
+    check(VecSet(upper, PETSC_INFINITY));
+    written_.assign(levels_.constraints(), 0);
+  }
+  {
+    const WriteArray l(lower);
+    const WriteArray b(upper);
+    for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+      const int now = levels_.side[a] == Side::upper ? -levels_.level[a] : levels_.level[a];
+      if (now == written_[a]) continue;
+      written_[a] = now;
+      for (int i = 1; i <= levels_.levels(a); ++i) {
+        const Interval box = levels_.box(a, i);
+        l[place(a, i)] = box.lower;
+        b[place(a, i)] = box.upper;
+      }
     }
   }
+  lower_ = lower;
+  upper_ = upper;
+  lower_state_ = state_of(lower);
+  upper_state_ = state_of(upper);
 }
 
 void OutputBox::settle(Vec u) {
@@ -65,6 +82,7 @@ bool OutputBox::put_held(Vec u, Vec row_terms_of_u) {
           values[at] = bound;
           moved = true;
         }
+      if (values[at] == box.lower || values[at] == box.upper) held_terms_[levels_.at(a, i)] = terms[at];
       if (i == 1 && (values[at] == box.lower || values[at] == box.upper))
         stands_at_wall(a, held_rtol * scale);
     }
@@ -73,12 +91,9 @@ bool OutputBox::put_held(Vec u, Vec row_terms_of_u) {
 }
 
 void OutputBox::take(Vec u, Vec f, const std::vector<double>& gains) {
-  terms_where_held(u, terms_.get());
   {
-    const ReadArray terms(terms_.get());
     const ReadArray values(u);
     const ReadArray residual(f);
-    z_new_.resize(levels_.z.size());
     std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
     for (std::size_t a = 0; a < levels_.constraints(); ++a) {
       for (int i = 1; i <= levels_.levels(a); ++i) {
@@ -86,8 +101,9 @@ void OutputBox::take(Vec u, Vec f, const std::vector<double>& gains) {
         const double z = values[at];
         z_new_[levels_.at(a, i)] = z;
         const Interval box = levels_.box(a, i);
-        const bool holds = (z <= box.lower && residual[at] > held_rtol * terms[at]) ||
-                           (z >= box.upper && residual[at] < -held_rtol * terms[at]);
+        const double noise = held_rtol * held_terms_[levels_.at(a, i)];
+        const bool holds =
+            (z <= box.lower && residual[at] > noise) || (z >= box.upper && residual[at] < -noise);
         if (holds) levels_.measure(a, i) = residual[at] / (i == levels_.levels(a) ? gains[a] : 1.0);
       }
       levels_.w[a] = z_new_[levels_.at(a, 1)];

@@ -29,8 +29,6 @@ protected:
   void begin_levels(Vec lower, Vec upper);
   /// Puts what is at its bound, up to rounding of these terms, exactly there. @return whether anything moved
   bool put_held(Vec u, Vec row_terms_of_u);
-  /// row_terms, or those of rows whose output stands at a bound of the step.
-  virtual void terms_where_held(Vec u, Vec terms) { row_terms(u, terms); }
   /// Takes the settled u with F = f. @param gains  F on level r over mu, per constraint
   void take(Vec u, Vec f, const std::vector<double>& gains);
 
@@ -38,7 +36,11 @@ protected:
 
 private:
   Vector terms_;
-  std::vector<double> z_new_;  // of the step that is taken
+  Vec lower_ = nullptr, upper_ = nullptr;  // bounds that were last written, and
+  PetscObjectState lower_state_ = 0, upper_state_ = 0;
+  std::vector<int> written_;        // for which level and side, by constraint
+  std::vector<double> z_new_;       // of the step that is taken
+  std::vector<double> held_terms_;  // of rows whose output stood at a bound when they were last put there
 };
 
 }  // namespace sweepvi

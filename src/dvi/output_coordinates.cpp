@@ -30,6 +30,10 @@ OutputCoordinates::OutputCoordinates(const LinearSystem& system, const RelativeD
   MPI_Allreduce(MPI_IN_PLACE, &mixed, 1, MPI_INT, MPI_LOR, system.comm());
   diagonal_ = mixed == 0;
   if (!diagonal_) find_inverse();
+  double furthest[2] = {0.0, 0.0};
+  check(VecMin(scale_.get(), nullptr, &furthest[0]));
+  check(VecMax(scale_.get(), nullptr, &furthest[1]));
+  plain_ = diagonal_ && furthest[0] == 1.0 && furthest[1] == 1.0;
 }
 
 void OutputCoordinates::find_positions() {
@@ -76,7 +80,9 @@ void OutputCoordinates::find_inverse() {
 }
 
 void OutputCoordinates::to_u(Vec x, Vec u) const {
-  if (diagonal_) {
+  if (plain_) {
+    check(VecCopy(x, u));
+  } else if (diagonal_) {
     check(VecPointwiseMult(u, scale_.get(), x));
   } else {
     check(MatMult(W_.get(), x, u));
@@ -84,7 +90,9 @@ void OutputCoordinates::to_u(Vec x, Vec u) const {
 }
 
 void OutputCoordinates::to_x(Vec u, Vec x) const {
-  if (diagonal_) {
+  if (plain_) {
+    check(VecCopy(u, x));
+  } else if (diagonal_) {
     check(VecPointwiseDivide(x, u, scale_.get()));
   } else {
     check(MatMult(inverse_.get(), u, x));

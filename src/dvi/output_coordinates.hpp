@@ -22,6 +22,8 @@ public:
   /// The output at a local place of u, -1 for a state.
   PetscInt output_at(PetscInt place) const { return output_at_[static_cast<std::size_t>(place)]; }
 
+  /// W is the identity: u is x, but for g.
+  bool plain() const { return plain_; }
   void to_u(Vec x, Vec u) const;  ///< u = W x
   void to_x(Vec u, Vec x) const;  ///< x = W^{-1} u
 
@@ -44,7 +46,7 @@ private:
   std::vector<PetscInt> position_;   // local outputs -> local states
   std::vector<PetscInt> output_at_;  // local states -> local outputs
   Vector scale_;  // W if diagonal_: entry of each output in its row of Z, 1 for other states
-  bool diagonal_ = false;
+  bool diagonal_ = false, plain_ = false;
   Matrix W_, inverse_;  // if not diagonal_
 };
 

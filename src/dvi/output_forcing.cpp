@@ -1,5 +1,7 @@
 #include "dvi/output_forcing.hpp"
 
+#include <cmath>
+
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -7,10 +9,11 @@ namespace sweepvi {
 OutputForcing::OutputForcing(const LinearSystem& system, const RelativeDegree& relative_degree)
     : system_(system), relative_degree_(relative_degree) {
   check(MatCreateVecs(relative_degree.Z.get(), f_.put(), image_.put()));
-  vanishes_ = find_whether_it_vanishes();
+  find_seen();
 }
 
-bool OutputForcing::find_whether_it_vanishes() {
+// Which entries of f the outputs below level r see. That is few, mostly, and of our own rank.
+void OutputForcing::find_seen() {
   check(VecSet(f_.get(), 0.0));
   {
     const WriteArray forced(f_.get());
@@ -19,18 +22,64 @@ bool OutputForcing::find_whether_it_vanishes() {
         forced[entry.local] = 1.0;
   }
   check(MatMult(absolute_copy(relative_degree_.Z.get()).get(), f_.get(), image_.get()));
-  int seen = 0;
+  int found[2] = {0, 0};  // is anything seen, and from another rank?
   {
+    const LocalRange own = row_range(system_.A.get());
     const ReadArray w0(system_.w0.get());
     const ReadArray image(image_.get());
-    for (std::size_t a = 0; a < relative_degree_.degree.size(); ++a) {
-      if (w0[static_cast<PetscInt>(a)] != 0.0) seen = 1;
-      for (int i = 1; i < relative_degree_.degree[a]; ++i)
-        if (image[relative_degree_.first_level[a] + i - 1] != 0.0) seen = 1;
-    }
+    const ReadArray forced(f_.get());
+    std::size_t a = 0;
+    PetscInt q = 0;
+    const std::vector<PetscInt>& first = relative_degree_.first_level;
+    for_each_row(relative_degree_.Z.get(), [&](PetscInt, auto columns, auto values) {
+      while (q >= first[a + 1])
+        ++a;
+      if (q + 1 < first[a + 1]) {
+        double seen = 0.0;
+        for (std::size_t k = 0; k < columns.size(); ++k) {
+          const PetscInt column = columns[k] - own.first;
+          if (!own.contains(columns[k]) || forced[column] == 0.0 || values[k] == 0.0) continue;
+          columns_.push_back(column);
+          values_.push_back(values[k]);
+          seen += std::abs(values[k]);
+        }
+        if (image[q] != 0.0) found[0] = 1;
+        if (std::abs(image[q] - seen) > rounding * image[q]) found[1] = 1;
+      }
+      starts_.push_back(static_cast<PetscInt>(columns_.size()));
+      ++q;
+    });
+    for (std::size_t b = 0; b < relative_degree_.degree.size(); ++b)
+      if (w0[static_cast<PetscInt>(b)] != 0.0) found[0] = 1;
   }
-  MPI_Allreduce(MPI_IN_PLACE, &seen, 1, MPI_INT, MPI_LOR, system_.comm());
-  return seen == 0;
+  MPI_Allreduce(MPI_IN_PLACE, found, 2, MPI_INT, MPI_LOR, system_.comm());
+  vanishes_ = found[0] == 0;
+  local_ = found[1] == 0;
+  check(VecSet(f_.get(), 0.0));
+  check(VecSet(image_.get(), 0.0));
+}
+
+// image_ = Z f_, on level r only where that is not local_. f_ is 0 but where the forcing is.
+void OutputForcing::apply_Z() {
+  if (!local_) {
+    check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
+    return;
+  }
+  const ReadArray f(f_.get());
+  const WriteArray image(image_.get());
+  for (PetscInt q = 0; q < image.size(); ++q) {
+    double sum = 0.0;
+    for (PetscInt k = starts_[static_cast<std::size_t>(q)]; k < starts_[static_cast<std::size_t>(q) + 1]; ++k)
+      sum += values_[static_cast<std::size_t>(k)] * f[columns_[static_cast<std::size_t>(k)]];
+    image[q] = sum;
+  }
+}
+
+// image_ = Z f^(order)(t)
+void OutputForcing::find_image(double t, int order) {
+  system_.f.clear(f_.get());
+  system_.f.add_to(f_.get(), t, order, 1.0);
+  apply_Z();
 }
 
 void OutputForcing::evaluate(double t, Vec g) {
@@ -46,9 +95,7 @@ void OutputForcing::evaluate(double t, Vec g) {
   if (!system_.f.any) return;
   const int highest_derivative = system_.f.varies ? relative_degree_.highest - 2 : 0;
   for (int p = 0; p <= highest_derivative; ++p) {
-    check(VecSet(f_.get(), 0.0));
-    system_.f.add_to(f_.get(), t, p, 1.0);
-    check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
+    find_image(t, p);
     const ReadArray image(image_.get());
     const WriteArray values(g);
     for (std::size_t a = 0; a < degree.size(); ++a)
@@ -62,9 +109,7 @@ void OutputForcing::remaining_rate(double t, int order, Vec rate) {
   const std::vector<int>& degree = relative_degree_.degree;
   check(VecSet(rate, 0.0));
   for (int p = 1; p < relative_degree_.highest; ++p) {
-    check(VecSet(f_.get(), 0.0));
-    system_.f.add_to(f_.get(), t, p + order, 1.0);
-    check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
+    find_image(t, p + order);
     const ReadArray image(image_.get());
     const WriteArray values(rate);
     for (std::size_t a = 0; a < degree.size(); ++a)
@@ -74,10 +119,10 @@ void OutputForcing::remaining_rate(double t, int order, Vec rate) {
 }
 
 void OutputForcing::increment_defect(const Step& step, double theta, Vec g_old, Vec g_new, Vec defect) {
-  check(VecSet(f_.get(), 0.0));
+  system_.f.clear(f_.get());
   system_.f.add_to(f_.get(), step.t_new, 0, theta);
   if (theta != 1.0) system_.f.add_to(f_.get(), step.t_old, 0, 1.0 - theta);
-  check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
+  apply_Z();
   const ReadArray image(image_.get());
   const ReadArray before(g_old);
   const ReadArray after(g_new);

@@ -30,12 +30,18 @@ public:
   bool vanishes() const { return vanishes_; }
 
 private:
-  bool find_whether_it_vanishes();
+  void find_seen();
+  void find_image(double t, int order);
+  void apply_Z();
 
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   Vector f_, image_;  // layouts of x and of the outputs
   bool vanishes_ = false;
+  // Z where f is not 0, without level r, by local rows and columns; empty where f is on other ranks, too
+  bool local_ = false;
+  std::vector<PetscInt> starts_{0}, columns_;
+  std::vector<double> values_;
 };
 
 }  // namespace sweepvi

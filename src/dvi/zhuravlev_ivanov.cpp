@@ -9,6 +9,7 @@
 
 #include "petsc/sparse.hpp"
 #include "sweepvi/scheme.hpp"
+#include "vi/natural_residual.hpp"
 
 namespace sweepvi {
 
@@ -112,7 +113,7 @@ ZhuravlevIvanov::ZhuravlevIvanov(const ImpactOscillators& oscillators, const Tim
     *vector = make_vector(comm_, count());
   oscillators.start(x_.get(), velocity_.get());
   agreed(comm_, [&] { check_options_and_start(); });
-  expected_.resize(kappa_.size());
+  branches_.resize(kappa_.size());
   set_physical(x_.get(), velocity_.get());
 }
 
@@ -191,10 +192,27 @@ void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   differentiate();
 }
 
+/// Each oscillator's step is solved with its neighbours as they are, in the first sweep by the rule; then,
+/// where its acceleration turns out to be another than it counted on, again. The guess is the point looked at
+/// last, before and after.
 bool ZhuravlevIvanov::predict(Vec guess) {
+  if (most_sweeps_ == 0) return false;
   find_accelerations(guess);
-  for (int sweeps = 0; sweeps < most_sweeps_; ++sweeps)
-    if (sweep(guess)) return true;
+  find_force_terms();  // good enough for all sweeps: what misfits are told apart by
+  {
+    const Oscillators oscillators(*this);
+    const WriteArray values(guess);
+    for (PetscInt i = 0; i < count(); ++i) {
+      Branch& branch = branches_[static_cast<std::size_t>(i)];
+      branch = choose_branch(oscillators[i]);
+      put(branch.state, values.data(), i);
+    }
+  }
+  for (int sweeps = 1; sweeps <= most_sweeps_; ++sweeps) {
+    find_accelerations(guess);
+    if (!sweep(guess, false)) continue;
+    if (sweep(guess, true)) return true;
+  }
   return false;
 }
 
@@ -251,37 +269,36 @@ void ZhuravlevIvanov::find_force_terms() {
   if (abs_by_velocity_) add_terms(abs_by_velocity_.get(), velocity_hat_.get());
 }
 
-/// Solves each oscillator's step with its neighbours as they are; `guess` is the point looked at last, before
-/// and after. Returns true, on all ranks, once the accelerations are those that the oscillators counted on.
-bool ZhuravlevIvanov::sweep(Vec guess) {
+/// Solves oscillators again that counted on other accelerations, on the branch they are on if that fits; or,
+/// by the rule, those for which it takes another branch now. Returns true, on all ranks, if there were none,
+/// with the guess as it was.
+bool ZhuravlevIvanov::sweep(Vec guess, bool by_rule) {
   constexpr double solved = 5e-15;  // of the terms of a row: rounding of the accelerations
-  find_force_terms();
+  int changed = 0;
   {
     const Oscillators oscillators(*this);
+    const ReadArray a(a_.get());
     const WriteArray values(guess);
     for (PetscInt i = 0; i < count(); ++i) {
-      const Branch branch = choose_branch(oscillators[i]);
-      put(branch.state, values.data(), i);
-      expected_[static_cast<std::size_t>(i)] = branch.acceleration;
-    }
-  }
-  find_accelerations(guess);
-  double worst = 0.0;
-  {
-    const Oscillators oscillators(*this);
-    const ReadArray values(guess);
-    const ReadArray a(a_.get());
-    for (PetscInt i = 0; i < count(); ++i) {
-      const OscillatorState now = state_at(values.data(), i);
+      Branch& branch = branches_[static_cast<std::size_t>(i)];
+      const OscillatorState& now = branch.state;
       const OscillatorStep step = oscillators[i];
-      const double off = h_ / step.r(now) * std::abs(step.lambda_s_hat(now.lambda_s)) *
-                         std::abs(a[i] - expected_[static_cast<std::size_t>(i)]);
-      if (off > solved * std::abs(now.v)) worst = std::max(worst, off / terms_of(step, now).v);
-      if (std::isnan(off)) worst = PETSC_INFINITY;
+      if (by_rule) {
+        if (!prefers_another(step, now)) continue;
+        branch = choose_branch(step);
+      } else {
+        const double off = h_ / step.r(now) * std::abs(step.lambda_s_hat(now.lambda_s)) *
+                           std::abs(a[i] - branch.acceleration);
+        if (off <= solved * std::abs(now.v) || off <= solved * terms_of(step, now).v) continue;
+        if (!keep_branch(step, branch)) branch = choose_branch(step);
+      }
+      put(branch.state, values.data(), i);
+      changed = 1;
     }
   }
-  MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_DOUBLE, MPI_MAX, comm_);
-  return worst <= solved;
+  MPI_Allreduce(MPI_IN_PLACE, &changed, 1, MPI_INT, MPI_LOR, comm_);
+  if (changed == 0) looked_at_ = Point(guess);
+  return changed == 0;
 }
 
 void ZhuravlevIvanov::residual(Vec u, Vec f) {
@@ -326,6 +343,35 @@ void ZhuravlevIvanov::row_terms(Vec u, Vec terms) {
 void ZhuravlevIvanov::settle(Vec u) {
   find_accelerations(u);
   find_force_terms();
+  put_settled(u, [](PetscInt, const OscillatorTerms&) {});
+}
+
+/// Both, where nothing moves in one pass: what a predicted step does.
+RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
+  find_accelerations(u);
+  find_force_terms();
+  int moved = 0;
+  {
+    const WriteArray rows(terms);
+    const auto keep = [&](PetscInt i, const OscillatorTerms& own) {
+      put({own.s, own.v, own.s, own.v}, rows.data(), i);
+    };
+    moved = put_settled(u, keep) ? 1 : 0;
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm_);
+  if (moved != 0) {
+    residual_and_terms(u, f, terms);
+  } else {
+    looked_at_ = Point(u);
+    residual(u, f);
+  }
+  return judge_rows(u, f, lower, upper, terms);
+}
+
+/// Calls visit(i, terms) on the way. Says whether anything moved.
+template <class Visit>
+bool ZhuravlevIvanov::put_settled(Vec u, Visit&& visit) {
+  bool moved = false;
   const Oscillators oscillators(*this);
   const WriteArray values(u);
   const auto vanishes = [](double value, double terms) { return std::abs(value) <= held_rtol * terms; };
@@ -335,14 +381,18 @@ void ZhuravlevIvanov::settle(Vec u) {
   };
   for (PetscInt i = 0; i < count(); ++i) {
     OscillatorState now = state_at(values.data(), i);
+    const OscillatorState before = now;
     const OscillatorTerms terms = terms_of(oscillators[i], now);
+    visit(i, terms);
     if (vanishes(now.s, terms.s)) now.s = 0.0;
     now.lambda_s = settled_sign(now.lambda_s, now.s);
     now.lambda_v = settled_sign(now.lambda_v, now.v);
     const bool turning = now.s != 0.0 && now.lambda_v == sign(now.v);
     if (!turning && vanishes(now.v, terms.v)) now.v = 0.0;
+    moved = moved || !(now == before);
     put(now, values.data(), i);
   }
+  return moved;
 }
 
 bool ZhuravlevIvanov::admissible(Vec u) {

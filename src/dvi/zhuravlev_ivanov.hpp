@@ -30,6 +30,7 @@ public:
   /// them by its active set.
   std::uint64_t jacobian_version() const override { return version_; }
   void settle(Vec u) override;
+  RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
   bool admissible(Vec u) override;
   void accept(Vec u, Vec f) override;
   double penetration() const override { return 0.0; }  // x = |s|
@@ -55,7 +56,9 @@ private:
   void differentiate();
   void find_accelerations(Vec u);
   void find_force_terms();
-  bool sweep(Vec guess);
+  bool sweep(Vec guess, bool by_rule);
+  template <class Visit>
+  bool put_settled(Vec u, Visit&& visit);
   void set_own_entries(Vec u, Mat jacobian);
   void add_coupling(Vec u, Mat jacobian);
   void note_events(Vec u);
@@ -96,7 +99,7 @@ private:
   bool has_force_terms_ = false;
   Vector x_hat_, velocity_hat_, a_;  // of the point looked at last
   Vector force_terms_, work_, inner_;
-  std::vector<double> expected_;  // accelerations that a sweep counted on
+  std::vector<Branch> branches_;  // of each oscillator, in the guess
   std::vector<StepEvent> events_;
   double dissipated_ = 0.0;
 };

@@ -23,6 +23,14 @@ Forcing Forcing::from(const std::vector<Signal>& all, PetscInt first, PetscInt l
   return forcing;
 }
 
+void Forcing::clear(Vec y) const {
+  if (constant.empty() && varying.empty()) return;
+  const WriteArray values(y);
+  for (const auto* entries : {&constant, &varying})
+    for (const Entry& entry : *entries)
+      values[entry.local] = 0.0;
+}
+
 void Forcing::add_to(Vec y, double t, int order, double factor) const {
   if (constant.empty() && varying.empty()) return;
   const WriteArray values(y);

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "petsc/sparse.hpp"
+#include "vi/natural_residual.hpp"
 
 namespace sweepvi {
 
@@ -132,7 +133,8 @@ void AffineRows::terms(Vec u, Vec b_terms, Vec terms) const {
     result[i] = row(i, own.data(), others).size + right[i];
 }
 
-void AffineRows::evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const {
+template <class Visit>
+void AffineRows::evaluate_each(Vec u, Vec b, Vec b_terms, Vec f, Vec terms, Visit&& visit) const {
   const double* others = ghosts(u);
   const ReadArray own(u);
   const ReadArray right(b);
@@ -141,9 +143,26 @@ void AffineRows::evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const {
   const WriteArray size_of(terms);
   for (PetscInt i = 0; i < size(); ++i) {
     const Row products = row(i, own.data(), others);
-    result[i] = products.sum - right[i];
-    size_of[i] = products.size + right_terms[i];
+    const double value = products.sum - right[i];
+    const double all_terms = products.size + right_terms[i];
+    result[i] = value;
+    size_of[i] = all_terms;
+    visit(i, own[i], value, all_terms);
   }
+}
+
+void AffineRows::evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const {
+  evaluate_each(u, b, b_terms, f, terms, [](PetscInt, double, double, double) {});
+}
+
+RowRatios AffineRows::judge(Vec u, Vec lower, Vec upper, Vec b, Vec b_terms, Vec f, Vec terms) const {
+  const ReadArray l(lower);
+  const ReadArray h(upper);
+  RowJudge judge;
+  evaluate_each(u, b, b_terms, f, terms, [&](PetscInt i, double own, double value, double all_terms) {
+    judge.look_at(own, value, l[i], h[i], all_terms);
+  });
+  return judge.ratios();
 }
 
 void AffineRows::add_product(Vec u, Vec sum, Vec terms) const {
@@ -156,10 +175,6 @@ void AffineRows::add_product(Vec u, Vec sum, Vec terms) const {
     result[i] += products.sum;
     size_of[i] += products.size;
   }
-}
-
-double AffineRows::terms_of(PetscInt i, const double* own, const double* others) const {
-  return row(i, own, others).size;
 }
 
 }  // namespace sweepvi

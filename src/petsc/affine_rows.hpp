@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "sweepvi/petsc.hpp"
+#include "sweepvi/dvi.hpp"
 
 namespace sweepvi {
 
@@ -20,11 +20,11 @@ public:
   void terms(Vec u, Vec b_terms, Vec terms) const;
   /// Both.
   void evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const;
+  /// Both, and what rows make of u in [lower, upper].
+  RowRatios judge(Vec u, Vec lower, Vec upper, Vec b, Vec b_terms, Vec f, Vec terms) const;
 
   /// sum += K u, terms += |K| |u|
   void add_product(Vec u, Vec sum, Vec terms) const;
-  /// |K| |u| in one row. @note Not collective.
-  double terms_of(PetscInt i, const double* own, const double* others) const;
 
   PetscInt size() const { return static_cast<PetscInt>(starts_.size()) - 1; }
   /// Rows are [starts[i], starts[i+1]) of columns and values. Columns count this rank's entries of a vector
@@ -41,6 +41,8 @@ private:
     double sum = 0.0, size = 0.0;
   };
   Row row(PetscInt i, const double* own, const double* others) const;
+  template <class Visit>
+  void evaluate_each(Vec u, Vec b, Vec b_terms, Vec f, Vec terms, Visit&& visit) const;
 
   std::vector<PetscInt> starts_, columns_;
   std::vector<double> values_;

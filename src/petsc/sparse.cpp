@@ -1,8 +1,16 @@
 #include "petsc/sparse.hpp"
 
+#include <petsc/private/petscimpl.h>
+
 #include <cmath>
 
 namespace sweepvi {
+
+PetscObjectState state_of(Vec vector) {
+  PetscObjectState state = 0;
+  check(PetscObjectStateGet(reinterpret_cast<PetscObject>(vector), &state));
+  return state;
+}
 
 void normalise(SparseRow& row) {
   std::sort(row.begin(), row.end(), [](const auto& a, const auto& b) { return a.first < b.first; });

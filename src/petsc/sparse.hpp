@@ -10,6 +10,9 @@
 
 namespace sweepvi {
 
+/// Counts what was written to a vector.
+PetscObjectState state_of(Vec vector);
+
 /// A sum is rounding when it is below this, relative to the sum of the absolute values of its terms.
 inline constexpr double rounding = 64 * std::numeric_limits<double>::epsilon();
 

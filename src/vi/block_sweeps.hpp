@@ -1,11 +1,11 @@
 #pragma once
 
 #include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "petsc/affine_rows.hpp"
 #include "sweepvi/dvi.hpp"
+#include "vi/small_box.hpp"
 
 namespace sweepvi {
 
@@ -27,52 +27,46 @@ public:
   /// Blocks are small and sweeps contract. The same on every rank.
   bool worthwhile() const { return rate_ <= 0.2; }
 
-  /// From the guess u to the solution of the box VI of K u - b.
+  /// From a guess to the solution u of the box VI of K u - b. @param guess  may be u
   /// @return false if a block has no solution that was found. The same on every rank.
-  bool solve(Vec u, Vec b, Vec lower, Vec upper);
+  bool solve(Vec guess, Vec u, Vec b, Vec lower, Vec upper);
 
   /// Takes from the last solution what F = K u - b there says it is off by, up to coupling.
   void refine(Vec u, Vec f);
 
 private:
-  using Mask = std::uint32_t;
-  struct Pattern {
-    Mask active;
-    std::vector<double> inverse;  // row by row, columns of inactive rows; of active ones: what a bound does
-  };
-  struct Kind {  // of blocks with the same entries
-    int size = 0;
-    std::vector<double> matrix;
-    std::vector<Pattern> patterns;
-  };
-  struct Block {
-    PetscInt first;  // unknown
-    std::int32_t kind;
-    std::int32_t rows;  // first of its reading rows
-  };
+  /// Rows of a block that read others, and what of them: shared by blocks that do so alike.
   struct ReadingRow {
-    std::int32_t row;      // in its block
-    std::int32_t entries;  // first of its entries
+    std::int32_t row;  // in its block
+    std::int32_t end;  // of its entries, which begin where those of the row before end
   };
   struct Entry {
-    PetscInt column;
+    PetscInt offset;  // column, from the first unknown of the block
     double value;
   };
+  struct Reading {
+    std::int32_t first, end;  // rows
+    std::int32_t entries;     // first of its entries
+  };
+  struct Block {
+    std::int32_t box, reading;
+  };
 
-  bool solve_scalars(Vec u, Vec b, Vec lower, Vec upper);
+  bool solve_scalars(Vec guess, Vec u, Vec b, Vec lower, Vec upper);
   double scalar_sweep(const double* u, const double* b, const double* lower, const double* upper,
                       const double* others, double* next) const;
   void find_scalars();
   void forget_blocks();
   bool find_blocks(const AffineRows& rows, const std::vector<PetscInt>& block);
+  void add_reading(const std::vector<double>& read);
   double contraction();
-  const double* inverse_of(Kind& kind, Mask active);
-  bool first_sweep(double* u, const double* b, const double* lower, const double* upper,
+  bool first_sweep(const double* guess, double* u, const double* b, const double* lower, const double* upper,
                    const double* others);
-  double next_sweep(double* u, const double* others);
-  const double* solve_block(Kind& kind, const double* right, const double* lower, const double* upper,
-                            double* u, Mask& active);
-  std::pair<double, double> read(std::int32_t row, const double* u, const double* others) const;
+  double next_sweep(double* u, const double* b, const double* others);
+  template <class Visit>
+  void each_block(Visit&& visit);
+  template <class Visit>
+  void each_reading_row(const Block& block, Visit&& visit) const;
 
   MPI_Comm comm_;
   const AffineRows& rows_;
@@ -81,13 +75,15 @@ private:
   PetscInt count_ = 0;                    // unknowns
   bool scalars_ = false;                  // each unknown is a block, on all ranks: projected Jacobi
   std::vector<double> inverse_diagonal_;  // then
-  std::vector<Kind> kinds_;
-  std::vector<Block> blocks_;        // and one more behind the last
-  std::vector<ReadingRow> reading_;  // likewise
+  Vector spare_;                          // then: where each second sweep goes
+  std::vector<SmallBox> boxes_;
+  std::vector<Block> blocks_;
+  std::vector<Reading> readings_;
+  std::vector<ReadingRow> rows_of_readings_;
   std::vector<Entry> entries_;
-  std::vector<double> read_;             // by each reading row; where there are scalars: the next u
+  std::vector<double> read_;             // by each reading row of each block
   std::vector<const double*> inverses_;  // of each block's set
-  std::vector<Mask> active_;
+  std::vector<SmallBox::Mask> active_;
 };
 
 }  // namespace sweepvi

@@ -9,10 +9,27 @@
 namespace sweepvi {
 
 namespace {
-constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double residue =
     1e-12;  // own terms that much smaller than those a row reads are no more than rounding
 }  // namespace
+
+RowRatios judge_rows(Vec u, Vec f, Vec lower, Vec upper, Vec terms) {
+  const ReadArray x(u);
+  const ReadArray value(f);
+  const ReadArray l(lower);
+  const ReadArray b(upper);
+  const ReadArray size(terms);
+  RowJudge judge;
+  for (PetscInt i = 0; i < x.size(); ++i)
+    judge.look_at(x[i], value[i], l[i], b[i], size[i]);
+  return judge.ratios();
+}
+
+RowRatios Dvi::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
+  settle(u);
+  residual_and_terms(u, f, terms);
+  return judge_rows(u, f, lower, upper, terms);
+}
 
 Certificate::Certificate(Dvi& problem, const CertificateOptions& options)
     : problem_(problem),
@@ -23,19 +40,19 @@ Certificate::Certificate(Dvi& problem, const CertificateOptions& options)
 
 double Certificate::worst_ratio(Vec u, Vec lower, Vec upper, Vec f) {
   problem_.residual_and_terms(u, f, terms_.get());
-  return judge(u, lower, upper, f);
+  return judge(u, lower, upper, f, judge_rows(u, f, lower, upper, terms_.get()));
 }
 
 double Certificate::settled_ratio(Vec u, Vec lower, Vec upper, Vec f) {
-  problem_.settle_and_judge(u, f, terms_.get());
-  return judge(u, lower, upper, f);
+  const RowRatios rows = problem_.settle_and_judge(u, lower, upper, f, terms_.get());
+  return judge(u, lower, upper, f, rows);
 }
 
 // By f and terms_.
-double Certificate::judge(Vec u, Vec lower, Vec upper, Vec f) {
+double Certificate::judge(Vec u, Vec lower, Vec upper, Vec f, const RowRatios& rows) {
   constexpr int rounds = 4;
   constexpr int sweeps = 3;  // residue travels along that many unknowns before it is judged again
-  double worst = ratio(u, lower, upper, f);
+  double worst = ratio(u, lower, upper, f, rows);
   if (worst <= options_.target) return worst;
   check(VecCopy(terms_.get(), spread_.get()));
   check(VecCopy(terms_.get(), own_.get()));
@@ -43,7 +60,7 @@ double Certificate::judge(Vec u, Vec lower, Vec upper, Vec f) {
     for (int sweep = 0; sweep < sweeps; ++sweep)
       if (!spread_once()) return worst;
     add_spread(lower, upper);
-    const double spread = ratio(u, lower, upper, f);
+    const double spread = ratio(u, lower, upper, f, judge_rows(u, f, lower, upper, terms_.get()));
     const bool better = spread < 0.5 * worst;
     worst = std::min(worst, spread);
     if (!better || worst <= options_.target) break;
@@ -73,25 +90,10 @@ void Certificate::add_spread(Vec lower, Vec upper) {
   }
 }
 
-double Certificate::ratio(Vec u, Vec lower, Vec upper, Vec f) {
-  std::array<double, 2> worst = {0.0, 0.0};  // ratio; does any row rely on its distance from a bound?
-  {
-    const ReadArray x(u);
-    const ReadArray value(f);
-    const ReadArray l(lower);
-    const ReadArray b(upper);
-    const ReadArray terms(terms_.get());
-    double not_finite = 0.0;  // or NaN
-    for (PetscInt i = 0; i < x.size(); ++i) {
-      not_finite += 0.0 * x[i] + 0.0 * value[i] + 0.0 * terms[i];
-      const double natural = std::abs(natural_residual(x[i], value[i], l[i], b[i]));
-      if (natural > worst[0] * terms[i])
-        worst[0] = natural / terms[i];  // terms = 0: infinite, as it should be
-      if (natural < std::abs(value[i]) && natural != 0.0) worst[1] = 1.0;
-    }
-    if (std::isnan(not_finite)) worst[0] = infinity;
-  }
-  MPI_Allreduce(MPI_IN_PLACE, worst.data(), 2, MPI_DOUBLE, MPI_MAX, problem_.comm());
+double Certificate::ratio(Vec u, Vec lower, Vec upper, Vec f, const RowRatios& rows) {
+  std::array<double, 3> worst = {rows.worst, rows.by_distance ? 1.0 : 0.0, rows.outside ? 1.0 : 0.0};
+  MPI_Allreduce(MPI_IN_PLACE, worst.data(), 3, MPI_DOUBLE, MPI_MAX, problem_.comm());
+  inside_ = worst[2] == 0.0;
   const bool in_doubt = worst[0] <= options_.rtol && worst[1] > 0.0;
   return in_doubt ? weighted_ratio(u, lower, upper, f) : worst[0];
 }

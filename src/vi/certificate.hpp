@@ -1,24 +1,10 @@
 #pragma once
 
-#include <limits>
-
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/step_solver.hpp"
+#include "vi/natural_residual.hpp"
 
 namespace sweepvi {
-
-/// What row i makes of u: the natural residual u - mid(l, b, u - F), in the form
-///
-///     max(min(F, u - l), u - b),
-///
-/// in which a large u cannot swallow a small F. Bounds at PETSC_INFINITY and beyond are absent: that number
-/// itself is no bound to rest on.
-inline double natural_residual(double u, double f, double lower, double upper) {
-  const double from_lower = lower > PETSC_NINFINITY ? u - lower : std::numeric_limits<double>::infinity();
-  const double from_upper = upper < PETSC_INFINITY ? u - upper : -std::numeric_limits<double>::infinity();
-  const double below = from_lower < f ? from_lower : f;  // keeps NaN in f
-  return from_upper > below ? from_upper : below;
-}
 
 /// Certifies points of a step's VI, row by row:
 ///
@@ -42,9 +28,12 @@ public:
   /// The same of what u settles to, which it becomes.
   double settled_ratio(Vec u, Vec lower, Vec upper, Vec f);
 
+  /// Whether all of u was in its intervals when it was last judged, on all ranks.
+  bool inside() const { return inside_; }
+
 private:
-  double judge(Vec u, Vec lower, Vec upper, Vec f);
-  double ratio(Vec u, Vec lower, Vec upper, Vec f);
+  double judge(Vec u, Vec lower, Vec upper, Vec f, const RowRatios& rows);
+  double ratio(Vec u, Vec lower, Vec upper, Vec f, const RowRatios& rows);
   double weighted_ratio(Vec u, Vec lower, Vec upper, Vec f);
   void weigh(Vec u);
   bool spread_once();
@@ -55,6 +44,7 @@ private:
   Vector terms_, spread_, own_;
   Vector inverse_, weights_;  // of terms; of distances. From the first point that needs them
   Matrix jacobian_;           // likewise
+  bool inside_ = false;
 };
 
 }  // namespace sweepvi

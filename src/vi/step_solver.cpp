@@ -11,6 +11,7 @@
 #include "petsc/sparse.hpp"
 #include "vi/block_sweeps.hpp"
 #include "vi/certificate.hpp"
+#include "vi/judged_point.hpp"
 #include "vi/outer_linearisation.hpp"
 #include "vi/path_sweeps.hpp"
 #include "vi/predictor.hpp"
@@ -82,6 +83,8 @@ StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes)
                          &snes_upper_, &unscaled_})
     *vector = duplicate(problem.state());
   judge_ = std::make_unique<Certificate>(problem, certificate_);
+  judged_ = std::make_unique<JudgedPoint>(problem.comm());
+  function_ = snes_f_.get();
   for (Vector* bound : {&lower_, &snes_lower_})
     check(VecSet(bound->get(), PETSC_NINFINITY));
   for (Vector* bound : {&upper_, &snes_upper_})
@@ -160,7 +163,11 @@ SNES StepSolver::other_snes() {
 PetscErrorCode StepSolver::form_function(SNES, Vec scaled_u, Vec f, void* context) {
   auto& self = *static_cast<StepSolver*>(context);
   return guarded(self.parked_, [&] {
-    self.problem_.residual(self.unscaled(scaled_u), f);
+    Vec u = self.unscaled(scaled_u);
+    if (!self.judged_->is(u))
+      self.problem_.residual(u, f);
+    else if (f != self.f_.get())
+      check(VecCopy(self.f_.get(), f));
     if (self.sigma_ != 1.0) check(VecScale(f, self.sigma_));
   });
 }
@@ -196,10 +203,11 @@ void StepSolver::choose_scale() {
   };
   scale(lower_, snes_lower_);
   scale(upper_, snes_upper_);
-  bind_bounds(snes_lower_.get(), snes_upper_.get());
+  bind(snes_lower_.get(), snes_upper_.get(), snes_f_.get());
 }
 
-void StepSolver::bind_bounds(Vec lower, Vec upper) {
+void StepSolver::bind(Vec lower, Vec upper, Vec f) {
+  function_ = f;
   if (bound_ == lower) return;
   check(SNESVISetVariableBounds(snes_, lower, upper));
   bound_ = lower;
@@ -228,19 +236,18 @@ PetscErrorCode StepSolver::converged(SNES snes, PetscInt iteration, PetscReal, P
 // The certificate of what `u` settles to, settled_; `u` itself is left alone. Where the
 // predictor was right a step asks more than once: what has settled settles to itself, and is known then.
 double StepSolver::settled_ratio(Vec u) {
-  if (judged(u)) return judged_ratio_;
+  if (judged_->is(u)) return judged_->ratio();
   check(VecCopy(u, settled_.get()));
-  judged_ratio_ = judge_->settled_ratio(settled_.get(), lower_.get(), upper_.get(), f_.get());
-  return judged_ratio_;
+  const double ratio = judge_->settled_ratio(settled_.get(), lower_.get(), upper_.get(), f_.get());
+  judged_->set(settled_.get(), f_.get(), ratio, judge_->inside());
+  return ratio;
 }
 
-bool StepSolver::judged(Vec u) const {
-  if (judged_ratio_ < 0.0) return false;
-  const ReadArray now(u);
-  const ReadArray then(settled_.get());
-  int same = std::equal(now.data(), now.data() + now.size(), then.data()) ? 1 : 0;
-  MPI_Allreduce(MPI_IN_PLACE, &same, 1, MPI_INT, MPI_LAND, problem_.comm());
-  return same != 0;
+// The same of u_, which becomes what it settles to.
+double StepSolver::settle() {
+  const double ratio = judge_->settled_ratio(u_.get(), lower_.get(), upper_.get(), f_.get());
+  judged_->set(u_.get(), f_.get(), ratio, judge_->inside());
+  return ratio;
 }
 
 // By blocks, where the step has some that read each other weakly.
@@ -255,11 +262,12 @@ bool StepSolver::sweep() {
     swept_version_ = problem_.jacobian_version();
   }
   if (!sweeps_->worthwhile()) return false;
-  check(VecCopy(guess_.get(), u_.get()));
   bool refines = false;
   for (int round = 0; round < most_rounds; ++round) {
-    if (!refines && !sweeps_->solve(u_.get(), affine.right_side, lower_.get(), upper_.get())) return false;
-    const double ratio = settled_ratio(u_.get());
+    Vec start = round == 0 ? guess_.get() : u_.get();
+    if (!refines && !sweeps_->solve(start, u_.get(), affine.right_side, lower_.get(), upper_.get()))
+      return false;
+    const double ratio = settle();
     if (ratio <= certificate_.target) return true;
     // Rounding is refined away; if it does not go, a set was wrong: neighbours were not yet where they are
     // now.
@@ -288,7 +296,7 @@ bool StepSolver::predict() {
 }
 
 double StepSolver::worst_ratio(Vec u) {
-  judged_ratio_ = -1.0;  // f_ becomes that of u
+  judged_->forget();  // f_ becomes that of u
   return judge_->worst_ratio(u, lower_.get(), upper_.get(), f_.get());
 }
 
@@ -325,7 +333,8 @@ PetscInt StepSolver::attempt_snes(Rung rung, std::string& reason) {
   start_from(rung >= Rung::cold_start);
   if (sigma_ != 1.0) check(VecScale(u_.get(), sigma_));
   // A semismooth solve that broke off leaves its own function in place of ours.
-  check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
+  check(SNESSetFunction(snes, function_, form_function, this));
+  judged_->expect_projection();
   const PetscErrorCode code = SNESSolve(snes, nullptr, u_.get());
   check(code, parked_);
   if (sigma_ != 1.0) check(VecScale(u_.get(), 1.0 / sigma_));
@@ -388,13 +397,13 @@ double StepSolver::polish() {
 
 StepReport StepSolver::solve(const Step& step, bool brief) {
   problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
-  judged_ratio_ = -1.0;
+  judged_->forget();
   at_guess_ = false;
   failed_solves_ = 0;
   const bool predicted = predict();
   if (predicted) {  // SNES looks at it once
     sigma_ = 1.0;
-    bind_bounds(lower_.get(), upper_.get());
+    bind(lower_.get(), upper_.get(), f_.get());
     at_guess_ = true;
   } else {
     choose_scale();
@@ -418,7 +427,7 @@ StepReport StepSolver::solve(const Step& step, bool brief) {
     iterations += attempt(rung, report.reason);
     if (rung == Rung::pivoting) pivoting = report.reason;
     report.residual = settled_ratio(u_.get());
-    if (!judged(u_.get())) check(VecCopy(settled_.get(), u_.get()));
+    if (!judged_->is(u_.get())) check(VecCopy(settled_.get(), u_.get()));
     if (report.residual > certificate_.rtol && report.residual <= nearly) report.residual = polish();
     const bool solved = report.residual <= certificate_.rtol;
     report.certified = solved && problem_.admissible(u_.get());

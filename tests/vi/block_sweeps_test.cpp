@@ -104,12 +104,13 @@ TEST(BlockSweeps, SolveWeaklyCoupledBlocks) {
         const AffineRows rows(problem.K.get());
         BlockSweeps sweeps(PETSC_COMM_WORLD, rows, problem.blocks, Degenerate::undecided);
         ASSERT_TRUE(sweeps.worthwhile());
-        ASSERT_TRUE(sweeps.solve(problem.u.get(), problem.b.get(), problem.lower.get(), problem.upper.get()));
+        ASSERT_TRUE(sweeps.solve(problem.u.get(), problem.u.get(), problem.b.get(), problem.lower.get(),
+                                 problem.upper.get()));
         // Sets are those of the first sweep, in which neighbours are off by the coupling: with 1e-2 some row
         // may switch. A second solve starts from there.
         if (coupling > 1e-3) {
-          ASSERT_TRUE(
-              sweeps.solve(problem.u.get(), problem.b.get(), problem.lower.get(), problem.upper.get()));
+          ASSERT_TRUE(sweeps.solve(problem.u.get(), problem.u.get(), problem.b.get(), problem.lower.get(),
+                                   problem.upper.get()));
         }
         EXPECT_LE(problem.ratio(), 2e-13);  // rounding through inverses of condition below 1000
       }
@@ -121,7 +122,8 @@ TEST(BlockSweeps, RefiningTakesOffWhatIsLeft) {
   const Problem problem(5, 1e-6, 3);
   const AffineRows rows(problem.K.get());
   BlockSweeps sweeps(PETSC_COMM_WORLD, rows, problem.blocks, Degenerate::undecided);
-  ASSERT_TRUE(sweeps.solve(problem.u.get(), problem.b.get(), problem.lower.get(), problem.upper.get()));
+  ASSERT_TRUE(sweeps.solve(problem.u.get(), problem.u.get(), problem.b.get(), problem.lower.get(),
+                           problem.upper.get()));
   {
     const WriteArray u(problem.u.get());
     const ReadArray l(problem.lower.get());
@@ -143,9 +145,9 @@ TEST(BlockSweeps, RememberNothing) {
   BlockSweeps used(PETSC_COMM_WORLD, rows, one.blocks, Degenerate::at_bound);
   const Vector guess = duplicate(one.u.get());
   check(VecCopy(one.u.get(), guess.get()));
-  used.solve(other.u.get(), other.b.get(), other.lower.get(), other.upper.get());
-  ASSERT_TRUE(fresh.solve(one.u.get(), one.b.get(), one.lower.get(), one.upper.get()));
-  ASSERT_TRUE(used.solve(guess.get(), one.b.get(), one.lower.get(), one.upper.get()));
+  used.solve(other.u.get(), other.u.get(), other.b.get(), other.lower.get(), other.upper.get());
+  ASSERT_TRUE(fresh.solve(one.u.get(), one.u.get(), one.b.get(), one.lower.get(), one.upper.get()));
+  ASSERT_TRUE(used.solve(guess.get(), guess.get(), one.b.get(), one.lower.get(), one.upper.get()));
   EXPECT_EQ(everywhere(one.u.get()), everywhere(guess.get()));
 }
 

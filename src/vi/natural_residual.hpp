@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cmath>
+#include <limits>
+
+#include "sweepvi/dvi.hpp"
+
+namespace sweepvi {
+
+/// What row i makes of u: the natural residual u - mid(l, b, u - F), in the form
+///
+///     max(min(F, u - l), u - b),
+///
+/// in which a large u cannot swallow a small F. Bounds at PETSC_INFINITY and beyond are absent: that number
+/// itself is no bound to rest on.
+inline double natural_residual(double u, double f, double lower, double upper) {
+  const double from_lower = lower > PETSC_NINFINITY ? u - lower : std::numeric_limits<double>::infinity();
+  const double from_upper = upper < PETSC_INFINITY ? u - upper : -std::numeric_limits<double>::infinity();
+  const double below = from_lower < f ? from_lower : f;  // keeps NaN in f
+  return from_upper > below ? from_upper : below;
+}
+
+/// Judges rows one after the other.
+class RowJudge {
+public:
+  void look_at(double u, double f, double lower, double upper, double terms) {
+    not_finite_ += 0.0 * u + 0.0 * f + 0.0 * terms;
+    const double natural = std::abs(natural_residual(u, f, lower, upper));
+    if (natural > ratios_.worst * terms)
+      ratios_.worst = natural / terms;  // terms = 0: infinite, as it should be
+    if (natural < std::abs(f) && natural != 0.0) ratios_.by_distance = true;
+    if (!(u >= lower && u <= upper)) ratios_.outside = true;
+  }
+  RowRatios ratios() const {
+    RowRatios result = ratios_;
+    if (std::isnan(not_finite_)) result.worst = std::numeric_limits<double>::infinity();
+    return result;
+  }
+
+private:
+  RowRatios ratios_;
+  double not_finite_ = 0.0;  // or NaN
+};
+
+/// Of all rows of this rank.
+RowRatios judge_rows(Vec u, Vec f, Vec lower, Vec upper, Vec terms);
+
+}  // namespace sweepvi
