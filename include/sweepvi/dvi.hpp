@@ -102,6 +102,8 @@ public:
   /// Makes the guess of `begin` a solution up to rounding, and returns true; or returns false to have it
   /// improved by the active-set predictor.
   virtual bool predict(Vec) { return false; }
+  /// Whether `predict` may return true.
+  virtual bool predicts() const { return false; }
   /// Why this step has no solution, if that is proved; empty otherwise. Asked where `predict` found none,
   /// before SNES is set to work.
   virtual std::string obstacle() { return {}; }

@@ -120,6 +120,13 @@ public:
   const CertificateOptions& certificate() const { return certificate_; }
   const SolverOptions& options() const { return solver_options_; }
 
+  /// Who guesses steps first: "blocks", "paths", "active set", "the process itself" or "nobody". @note
+  /// Collective.
+  std::string predictor();
+  /// Floating-point operations of the last factorization, as MUMPS counts them; 0 if it made none. @note
+  /// Collective.
+  double mumps_flops();
+
   /// The VI of the last solve, as long as the problem has not gone on. @note Collective.
   StepProblem problem();
   /// Back to a step solved before, for which the problem begins again, and to the point found then. @note
@@ -145,6 +152,7 @@ private:
   double settle();
   bool predict();
   bool sweep();
+  bool prepare_sweeps(const AffineStep& affine);
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
   std::vector<Rung> ladder(bool brief);
@@ -154,6 +162,8 @@ private:
   double polish();
   void start_from(bool cold);
   std::string linear_failure() const;
+
+  struct Events;
 
   Dvi& problem_;
   SNES snes_;
@@ -181,6 +191,7 @@ private:
   int failed_solves_ = 0;  // attempts of this step that ended in a linear system
   PCFailedReason failure_ = PC_NOERROR;
   std::exception_ptr parked_;
+  std::unique_ptr<Events> events_;
 };
 
 }  // namespace sweepvi

@@ -59,7 +59,7 @@ public:
   PetscInt steps_taken() const;
   const TimeGrid& grid() const;
   double time() const;  ///< time reached [s]
-  const StepSolver& solver() const;
+  StepSolver& solver() const;
 
   /// The VI of a step that was not certified. @note Collective.
   StepProblem problem();

@@ -181,6 +181,7 @@ void Bench::take_steps(BenchRow& row, ReadyRun& ready, bool first, double begin)
   MPI_Allreduce(MPI_IN_PLACE, &closed, 1, MPI_INT64_T, MPI_SUM, comm_);
   counts.linear_solves = linear_solves() - solves;
   counts.factorizations = factorizations() - factored;
+  counts.mumps_flops = ready.march().solver().mumps_flops();
   counts.contacts =
       static_cast<double>(closed) / static_cast<double>(std::max<std::size_t>(1, counts.steps()));
   Summary unit;
@@ -216,16 +217,15 @@ void Bench::time_one(BenchRow& row, bool first) {
   row.setup.push_back(MPI_Wtime() - begin);
   if (first) {
     Summary sizes;
-    sizes.count_jacobian(ready.march().solver().jacobian());
+    sizes.describe(ready.march().solver());
     row.unknowns = sizes.unknowns;
     row.jacobian_nonzeros = sizes.jacobian_nonzeros;
     row.constraints = ready.model().constraints();
     row.edge_cut = ready.model().edge_cut();
     row.form = ready.model().form();
     row.h = ready.time().step;
-    SNESType type = nullptr;
-    check(SNESGetType(ready.march().solver().snes(), &type));
-    row.snes_type = type;
+    row.snes_type = sizes.snes_type;
+    row.predictor = sizes.predictor;
   }
   // A step taken in parts: its last part is counted as any step is.
   ready.march().observe_parts(

@@ -73,8 +73,10 @@ std::vector<Line> lines(const std::vector<BenchRow>& rows) {
                      }});
   }
   const std::vector<Line> more = {
+      {"guessed by", [](const BenchRow& row) { return row.predictor; }},
       {"linear solves per step", per_step(&BenchRow::linear_solves)},
       {"factorizations per step", per_step(&BenchRow::factorizations)},
+      {"MUMPS's flops in the last", [](const BenchRow& row) { return number(row.mumps_flops); }},
       {"Newton iterations per step", per_step(&BenchRow::newton_iterations)},
       {"predictor hits per step", per_step(&BenchRow::predictor_hits)},
       {"contacts changed per step", [](const BenchRow& row) { return number(mean(row.changes)); }},
@@ -154,10 +156,12 @@ std::string row_json(const BenchRow& row) {
   put("jacobian_nonzeros", [&] { return row.jacobian_nonzeros; });
   put("edge_cut", [&] { return row.edge_cut; });
   put("snes_type", [&] { return row.snes_type; });
+  put("predictor", [&] { return row.predictor; });
   put("snes_iterations", [&] { return row.newton_iterations; });
   put("predictor_hits", [&] { return row.predictor_hits; });
   put("factorizations", [&] { return row.factorizations; });
   put("linear_solves", [&] { return row.linear_solves; });
+  put("mumps_flops", [&] { return row.mumps_flops; });
   put("active_changes", [&] {
     return std::count_if(row.changes.begin(), row.changes.end(), [](std::int64_t n) { return n > 0; });
   });

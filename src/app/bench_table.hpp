@@ -16,14 +16,15 @@ struct BenchRow {
   Setting setting;
   std::string failure;   ///< why there is nothing else; empty: its steps were certified
   bool stopped = false;  ///< by --wall-limit
-  std::string form, snes_type;
+  std::string form, snes_type, predictor;
   std::int64_t unknowns = 0, constraints = 0, jacobian_nonzeros = 0, edge_cut = 0;
   double h = 0.0;                              ///< [s]
   std::vector<double> seconds;                 ///< of each timed step, of the slowest rank
   std::vector<double> setup, warmup, matmult;  ///< of each round [s]
   std::vector<std::int64_t> changes;           ///< per step: constraints that opened or closed
   std::int64_t linear_solves = 0, factorizations = 0, newton_iterations = 0, predictor_hits = 0;
-  double contacts = 0.0;  ///< closed constraints, mean over the steps
+  double mumps_flops = 0.0;  ///< of the last factorization
+  double contacts = 0.0;     ///< closed constraints, mean over the steps
   StepSolver::Rungs rungs{};
   double worst_ratio = 0.0, penetration = 0.0;
   std::int64_t peak_rss_bytes = 0;   ///< largest of the ranks

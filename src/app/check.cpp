@@ -14,11 +14,11 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
   Scene scene = load(comm, line);
   const auto model = make_case(comm, scene);
   const TimeSpec& time = scene.time;
-  const TimeMarch march(model->dvi(), time.grid());  // reads what options there are
+  TimeMarch march(model->dvi(), time.grid());  // reads what options there are
   if (line.help_requested) return ExitCode::done;
   report_unused_options(comm);
   Summary counts;
-  counts.count_jacobian(march.solver().jacobian());
+  counts.describe(march.solver());
   const Lines lines = model->report(counts.unknowns);
   int rank = 0;
   int ranks = 1;
@@ -39,6 +39,12 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
                               time.tolerance));
   for (const auto& [name, text] : lines)
     row(name, text);
+  row("solver", fmt::format("{}; steps are guessed by {}", counts.snes_type,
+                            counts.predictor == "blocks"  ? "sweeps over blocks that read each other weakly"
+                            : counts.predictor == "paths" ? "sweeps along paths of constraints"
+                            : counts.predictor == "active set"
+                                ? "their active set, with a factorization where it changes"
+                                : counts.predictor));
   row("Jacobian nonzeros",
       fmt::format("{} ({:.3g} per unknown)", counts.jacobian_nonzeros, nonzeros / unknowns));
   if (ranks > 1) row("edge cut", fmt::format("{} couplings between {} ranks", model->edge_cut(), ranks));

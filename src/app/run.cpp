@@ -208,6 +208,7 @@ void Run::conclude() {
     checkpointing_->write(goes_on);
   if (model_->hybrid() != nullptr) summary_.hybrid = march_->hybrid_counts();
   summary_.time_matmult(march_->solver().jacobian());
+  summary_.mumps_flops = march_->solver().mumps_flops();
   summary_.unused_options = report_unused_options(comm_);
   summary_.seconds_total = MPI_Wtime() - begin_;
   summary_.write(comm_, line_.summary);
@@ -233,10 +234,7 @@ ExitCode Run::go() {
   open();
   summary_.constraints = model_->constraints();
   summary_.edge_cut = model_->edge_cut();
-  summary_.count_jacobian(march_->solver().jacobian());
-  SNESType snes_type = nullptr;
-  check(SNESGetType(march_->solver().snes(), &snes_type));
-  summary_.snes_type = snes_type;
+  summary_.describe(march_->solver());
   summary_.seconds_setup = MPI_Wtime() - begin_;
   try {
     march();

@@ -93,10 +93,7 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   if (line.summary) check_writable(comm, *line.summary, true);
 
   Summary summary;
-  summary.count_jacobian(solver.jacobian());
-  SNESType type = nullptr;
-  check(SNESGetType(snes.get(), &type));
-  summary.snes_type = type;
+  summary.describe(solver);
   summary.constraints = size;
   summary.seconds_setup = MPI_Wtime() - begin;
   const StepReport report = solver.solve(Step{1, 0.0, 0.0, 0.0});
@@ -115,6 +112,7 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   vi.unscale(forces.get());
   record(comm, path, line.force, problem, started, report, solver.solution(), forces.get());
   summary.time_matmult(solver.jacobian());
+  summary.mumps_flops = solver.mumps_flops();
   summary.unused_options = report_unused_options(comm);
   summary.seconds_total = MPI_Wtime() - begin;
   summary.write(comm, line.summary);

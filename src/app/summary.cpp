@@ -76,6 +76,14 @@ void Summary::count_jacobian(Mat jacobian) {
   unknowns = size;
 }
 
+void Summary::describe(StepSolver& solver) {
+  count_jacobian(solver.jacobian());
+  SNESType type = nullptr;
+  check(SNESGetType(solver.snes(), &type));
+  snes_type = type;
+  predictor = solver.predictor();
+}
+
 void Summary::time_matmult(Mat jacobian) {
   Vector x;
   Vector y;
@@ -115,10 +123,12 @@ std::string Summary::text(MPI_Comm comm) const {
   json["jacobian_nonzeros"] = jacobian_nonzeros;
   json["edge_cut"] = edge_cut;
   json["snes_type"] = snes_type;
+  json["predictor"] = predictor;
   json["snes_iterations"] = snes_iterations;
   json["predictor_hits"] = predictor_hits;
   json["factorizations"] = earlier_factorizations + factorizations();
   json["linear_solves"] = earlier_linear_solves + linear_solves();
+  json["mumps_flops"] = mumps_flops;
   json["active_changes"] = active_changes;
   for (std::size_t i = 0; i < rungs.size(); ++i)
     json["rungs"][StepSolver::rung_names[i]] = rungs[i];

@@ -19,7 +19,8 @@ struct Summary {
   double seconds_total = 0.0, seconds_setup = 0.0, seconds_stepping = 0.0;
   double matmult_seconds = 0.0;
   std::int64_t unknowns = 0, constraints = 0, jacobian_nonzeros = 0, edge_cut = 0;
-  std::string snes_type;
+  std::string snes_type, predictor;
+  double mumps_flops = 0.0;
   std::int64_t snes_iterations = 0;
   std::int64_t predictor_hits = 0, active_changes = 0;
   StepSolver::Rungs rungs{};
@@ -38,6 +39,8 @@ struct Summary {
   /// Collective.
   void time_matmult(Mat jacobian);
   void count_jacobian(Mat jacobian);
+  /// Which solver there is, before the first step. @note Collective.
+  void describe(StepSolver& solver);
   /// Adds what only the process knows (peak memory, factorizations, linear solves) and writes the file on
   /// rank 0.
   /// @throws Error (output) on every rank.  @note Collective.

@@ -53,10 +53,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   g_time_ = t_start;
   coordinates_.to_u(system.x0.get(), u_.get());
   check(VecAXPY(u_.get(), 1.0, g_.get()));
-  if (coordinates_.plain() && forcing_.vanishes())
-    x_ = Vector::share(u_.get());
-  else
-    check(VecCopy(system.x0.get(), x_.get()));
+  check(VecCopy(system.x0.get(), x_.get()));
   start_from(u_.get());
 }
 
@@ -227,7 +224,6 @@ void BoxOnZ::jacobian(Vec, Mat jacobian) {
 
 void BoxOnZ::accept(Vec u, Vec f) {
   take(u, f, relative_degree_.markov_diagonal);
-  if (x_.get() == u_.get()) return;
   if (!forcing_.vanishes()) check(VecWAXPY(work_.get(), -1.0, g_.get(), u));
   coordinates_.to_x(forcing_.vanishes() ? u : work_.get(), x_.get());
 }

@@ -64,6 +64,7 @@ public:
   Matrix create_jacobian() const override;
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
   bool predict(Vec guess) override;
+  bool predicts() const override { return true; }
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
@@ -96,6 +97,7 @@ public:
   Matrix create_jacobian() const override;
   void begin(const Step& step, Vec lower, Vec upper, Vec guess) override;
   bool predict(Vec guess) override;
+  bool predicts() const override { return true; }
   std::string obstacle() override;
   void residual(Vec u, Vec f) override;
   void row_terms(Vec u, Vec terms) override;

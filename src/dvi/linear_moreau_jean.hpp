@@ -78,7 +78,7 @@ private:
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
   std::vector<double> tested_;
-  std::vector<double> held_terms_;  // box on v: of the constraints' rows, when settled
+  std::vector<double> held_terms_;     // box on v: of the constraints' rows, when settled
   double fastest_ = 0.0;               // largest |v_k|
   std::vector<int> level_of_unknown_;  // primal-dual; 0: a velocity
   std::vector<char> pinned_;           // primal-dual, constraints

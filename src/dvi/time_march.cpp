@@ -255,7 +255,7 @@ double TimeMarch::time() const {
 StepProblem TimeMarch::problem() {
   return impl_->solver->problem();
 }
-const StepSolver& TimeMarch::solver() const {
+StepSolver& TimeMarch::solver() const {
   return *impl_->solver;
 }
 

@@ -273,7 +273,7 @@ void ZhuravlevIvanov::find_force_terms() {
 /// by the rule, those for which it takes another branch now. Returns true, on all ranks, if there were none,
 /// with the guess as it was.
 bool ZhuravlevIvanov::sweep(Vec guess, bool by_rule) {
-  constexpr double solved = 5e-15;  // of the terms of a row: rounding of the accelerations
+  constexpr double solved = 2e-15;  // of the terms of a row: rounding of the accelerations
   int changed = 0;
   {
     const Oscillators oscillators(*this);

@@ -1,5 +1,7 @@
 #include "petsc/direct_solver.hpp"
 
+#include <petsc/private/pcimpl.h>
+
 #include <algorithm>
 #include <array>
 #include <iterator>
@@ -103,6 +105,31 @@ bool enlarge_workspace() {
 }
 
 }  // namespace
+
+double mumps_flops(KSP ksp) {
+  double flops = 0.0;
+#if defined(PETSC_HAVE_MUMPS)
+  PC preconditioner = nullptr;
+  check(KSPGetPC(ksp, &preconditioner));
+  PC inner = sequential_lu(preconditioner);
+  PC lu = inner != nullptr ? inner : preconditioner;
+  PetscBool is_lu = PETSC_FALSE;
+  check(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(lu), PCLU, &is_lu));
+  MatSolverType package = nullptr;
+  if (is_lu == PETSC_TRUE) check(PCFactorGetMatSolverType(lu, &package));
+  if (lu->setupcalled != 0 && package != nullptr && std::string(package) == MATSOLVERMUMPS) {
+    constexpr PetscInt elimination = 3;
+    Mat factor = nullptr;
+    check(PCFactorGetMatrix(lu, &factor));
+    if (factor != nullptr) check(MatMumpsGetRinfog(factor, elimination, &flops));
+  }
+  MPI_Comm comm = PetscObjectComm(reinterpret_cast<PetscObject>(ksp));
+  MPI_Allreduce(MPI_IN_PLACE, &flops, 1, MPI_DOUBLE, MPI_MAX, comm);
+#else
+  static_cast<void>(ksp);
+#endif
+  return flops;
+}
 
 PCFailedReason failed_reason(KSP ksp) {
   PC preconditioner = nullptr;

@@ -24,6 +24,10 @@ PCFailedReason failed_reason(KSP ksp);
 /// @note Collective.
 bool recover(KSP ksp);
 
+/// Floating-point operations of the solver's last factorization, as MUMPS counts them (RINFOG(3)); 0 if it
+/// has none, or not by MUMPS. @note Collective.
+double mumps_flops(KSP ksp);
+
 /// Solves `matrix` `solution` = `right` with a solver whose operator `matrix` is, trying again where
 /// `recover` helps. @return false if that fails; the solver is then empty and will factor anew. @note
 /// Collective.

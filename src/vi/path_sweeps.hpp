@@ -112,6 +112,9 @@ public:
     return false;
   }
 
+  /// Whether the steps are of that kind. @note Collective.
+  bool applies() { return prepare(problem_.affine()); }
+
 private:
   bool prepare(const AffineStep& step);
 

@@ -31,6 +31,8 @@ public:
   /// Improves `u`, a guess on entry. @return true if `ratio` fell to `target` @note Collective.
   bool improve(Vec u, Vec lower, Vec upper, double target, const Ratio& ratio);
 
+  KSP solver() const { return solver_.get(); }
+
 private:
   /// A row held at a bound.
   struct Bound {

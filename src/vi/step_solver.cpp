@@ -8,6 +8,7 @@
 #include <petsc/private/snesimpl.h>
 
 #include "petsc/direct_solver.hpp"
+#include "petsc/log_event.hpp"
 #include "petsc/sparse.hpp"
 #include "vi/block_sweeps.hpp"
 #include "vi/certificate.hpp"
@@ -76,7 +77,15 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
 
 }  // namespace
 
-StepSolver::StepSolver(SNES snes, Dvi& problem) : problem_(problem), snes_(snes) {
+/// What -log_view shows of a step, besides PETSc's own events.
+struct StepSolver::Events {
+  LogEvent begin{"SweepviBegin"};      // box, right side and first guess
+  LogEvent predict{"SweepviPredict"};  // guess, with what judging it takes
+  LogEvent judge{"SweepviJudge"};      // settle and certify a point
+};
+
+StepSolver::StepSolver(SNES snes, Dvi& problem)
+    : problem_(problem), snes_(snes), events_(std::make_unique<Events>()) {
   read_options(problem.comm(), certificate_, predictor_options_, solver_options_);
   jacobian_ = problem.create_jacobian();
   for (Vector* vector : {&u_, &f_, &snes_f_, &lower_, &upper_, &guess_, &terms_, &settled_, &snes_lower_,
@@ -237,6 +246,7 @@ PetscErrorCode StepSolver::converged(SNES snes, PetscInt iteration, PetscReal, P
 // predictor was right a step asks more than once: what has settled settles to itself, and is known then.
 double StepSolver::settled_ratio(Vec u) {
   if (judged_->is(u)) return judged_->ratio();
+  const LogEvent::Scope logged(events_->judge);
   check(VecCopy(u, settled_.get()));
   const double ratio = judge_->settled_ratio(settled_.get(), lower_.get(), upper_.get(), f_.get());
   judged_->set(settled_.get(), f_.get(), ratio, judge_->inside());
@@ -245,9 +255,21 @@ double StepSolver::settled_ratio(Vec u) {
 
 // The same of u_, which becomes what it settles to.
 double StepSolver::settle() {
+  const LogEvent::Scope logged(events_->judge);
   const double ratio = judge_->settled_ratio(u_.get(), lower_.get(), upper_.get(), f_.get());
   judged_->set(u_.get(), f_.get(), ratio, judge_->inside());
   return ratio;
+}
+
+// Whether there are blocks, and sweeps over them contract.
+bool StepSolver::prepare_sweeps(const AffineStep& affine) {
+  if (affine.rows == nullptr || affine.block == nullptr) return false;
+  if (!sweeps_ || swept_version_ != problem_.jacobian_version()) {
+    sweeps_ =
+        std::make_unique<BlockSweeps>(problem_.comm(), *affine.rows, *affine.block, problem_.degenerate());
+    swept_version_ = problem_.jacobian_version();
+  }
+  return sweeps_->worthwhile();
 }
 
 // By blocks, where the step has some that read each other weakly.
@@ -255,13 +277,7 @@ bool StepSolver::sweep() {
   constexpr int most_rounds = 6;
   if (!predictor_options_.sweeps) return false;
   const AffineStep affine = problem_.affine();
-  if (affine.rows == nullptr || affine.block == nullptr) return false;
-  if (!sweeps_ || swept_version_ != problem_.jacobian_version()) {
-    sweeps_ =
-        std::make_unique<BlockSweeps>(problem_.comm(), *affine.rows, *affine.block, problem_.degenerate());
-    swept_version_ = problem_.jacobian_version();
-  }
-  if (!sweeps_->worthwhile()) return false;
+  if (!prepare_sweeps(affine)) return false;
   bool refines = false;
   for (int round = 0; round < most_rounds; ++round) {
     Vec start = round == 0 ? guess_.get() : u_.get();
@@ -280,6 +296,7 @@ bool StepSolver::sweep() {
 // Puts the predictor's guess into u_ if that one is good to rounding.
 bool StepSolver::predict() {
   if (!predictor_) return false;
+  const LogEvent::Scope logged(events_->predict);
   if (problem_.predict(guess_.get())) {
     check(VecCopy(guess_.get(), u_.get()));
     return true;
@@ -293,6 +310,21 @@ bool StepSolver::predict() {
   }
   check(VecCopy(guess_.get(), u_.get()));
   return predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio);
+}
+
+std::string StepSolver::predictor() {
+  if (!predictor_) return "nobody";
+  if (problem_.predicts()) return "the process itself";
+  if (predictor_options_.sweeps && prepare_sweeps(problem_.affine())) return "blocks";
+  if (paths_ && paths_->applies()) return "paths";
+  return "active set";
+}
+
+double StepSolver::mumps_flops() {
+  KSP own = nullptr;
+  check(SNESGetKSP(snes_, &own));
+  const double of_snes = sweepvi::mumps_flops(own);
+  return of_snes > 0.0 || !predictor_ ? of_snes : sweepvi::mumps_flops(predictor_->solver());
 }
 
 double StepSolver::worst_ratio(Vec u) {
@@ -396,7 +428,10 @@ double StepSolver::polish() {
 }
 
 StepReport StepSolver::solve(const Step& step, bool brief) {
-  problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
+  {
+    const LogEvent::Scope logged(events_->begin);
+    problem_.begin(step, lower_.get(), upper_.get(), guess_.get());
+  }
   judged_->forget();
   at_guess_ = false;
   failed_solves_ = 0;
