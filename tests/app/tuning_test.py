@@ -1,6 +1,6 @@
 # ranks: 2
 # timeout: 120
-"""The recipes of examples/tuning: each changes what examples/README.md says, told by counters, and none the trajectory."""
+"""The recipes of examples/scaling/tuning.toml: each changes what examples/README.md says, told by counters, and none the trajectory."""
 
 import sys
 import unittest
@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import program
 
 SCALING = program.SOURCE / "examples" / "scaling"
-SETTINGS = program.SOURCE / "examples" / "tuning" / "settings.toml"
+SETTINGS = SCALING / "tuning.toml"
 STEPS = 10
 SIZE = 120
 
