@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "app/command_line.hpp"
+#include "app/service_verbs.hpp"
 #include "app/verbs.hpp"
 #include "app/watch.hpp"
 #include "io/table_file.hpp"
@@ -21,6 +22,7 @@ ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
       std::fputs(app::help_text(line.verb == app::Verb::help ? line.help_topic : line.verb).c_str(), stdout);
     return ExitCode::done;
   }
+  app::confine(comm, line);
   switch (line.verb) {
     case app::Verb::run:
       return app::run(comm, line);
@@ -53,7 +55,9 @@ int main(int argc, char** argv) {
   app::CommandLine line;
   std::optional<Error> bad_usage;
   try {
-    line = app::parse_command_line(std::vector<std::string>(argv + 1, argv + argc));
+    const std::vector<std::string> given(argv + 1, argv + argc);
+    app::become_service(given);
+    line = app::parse_command_line(given);
   } catch (const Error& error) {
     bad_usage = error;
   }
