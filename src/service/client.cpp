@@ -158,7 +158,8 @@ int submit(Remote& remote, const Arguments& given) {
 int list(Remote& remote, const Arguments& given) {
   const std::string filter = given.has("--state") ? "?state=" + given.get("--state") : "";
   fmt::print("{:>6}  {:<11}  {:>5}  {:<24}  {}\n", "job", "state", "ranks", "submitted", "name");
-  for (const json& job : remote.get("/v1/jobs" + filter).at("jobs"))
+  const json answer = remote.get("/v1/jobs" + filter);
+  for (const json& job : answer.at("jobs"))
     fmt::print("{}\n", line_of(job));
   return 0;
 }

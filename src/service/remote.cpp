@@ -33,6 +33,8 @@ std::string from_environment(const char* name, const std::string& otherwise) {
 
 std::unique_ptr<httplib::Client> connect(const std::string& server) {
   std::unique_ptr<httplib::Client> client;
+  if (!server.starts_with("unix:/") && !server.starts_with("http://"))
+    throw UsageError(fmt::format("--server {}: expected http://HOST:PORT or unix:/PATH", server));
   if (server.starts_with("unix:")) {
     constexpr int any = 80;
     client = std::make_unique<httplib::Client>(server.substr(5), any);

@@ -126,6 +126,7 @@ void Scheduler::start(Job job) {
   const Attempt attempt = store_.attempt(job.id, job.attempt);
   try {
     std::filesystem::create_directory(attempt.folder());
+    std::filesystem::remove(store_.job(job.id) / summary_file);  // of the attempt before
     attempt.write_order(order_for(job, store_.job(job.id), settings_));
     launcher_.launch(attempt, job);
   } catch (const std::exception& error) {

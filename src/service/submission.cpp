@@ -146,6 +146,8 @@ Request Submission::finish(const std::string& key) {
   write_file(folder_ / scene_file, text);
   write_file(folder_ / confine_file, names.dump());
   if (verb == "study") {
+    if (!given.has("steps") && !given.has("tolerances"))
+      Description::refuse("a study needs 'steps', or 'tolerances' for the scheme hybrid");
     request.work["study"] = study_of(given);
     const std::string settings = given.text("settings", "", longest_scene);
     request.work["settings"] = !settings.empty();
