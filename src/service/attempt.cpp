@@ -64,10 +64,11 @@ bool Attempt::asked_to_stop() const {
 
 void Attempt::write_ending(const Ending& ending) const {
   const auto number = [](const std::optional<int>& value) { return value ? json(*value) : json(); };
-  const json text = {
-      {"code", number(ending.code)}, {"signal", number(ending.signal)}, {"asked", ending.asked},
-      {"late", ending.late},         {"forced", ending.forced},         {"started", ending.started},
-      {"finished", ending.finished}, {"bytes", ending.bytes},           {"sha256", ending.sha256}};
+  const json text = {{"code", number(ending.code)}, {"signal", number(ending.signal)},
+                     {"asked", ending.asked},       {"late", ending.late},
+                     {"forced", ending.forced},     {"started", ending.started},
+                     {"finished", ending.finished}, {"log_from", ending.log_from},
+                     {"bytes", ending.bytes},       {"sha256", ending.sha256}};
   write_file(folder_ / "ending.json", text.dump(2) + "\n");
 }
 
@@ -78,9 +79,9 @@ std::optional<Ending> Attempt::ending() const {
   const auto number = [&](const char* key) {
     return text.at(key).is_null() ? std::optional<int>() : std::optional(text.at(key).get<int>());
   };
-  return Ending{number("code"),      number("signal"),  text.at("asked"),
-                text.at("late"),     text.at("forced"), text.at("started"),
-                text.at("finished"), text.at("bytes"),  text.at("sha256")};
+  return Ending{number("code"),    number("signal"),   text.at("asked"),    text.at("late"),
+                text.at("forced"), text.at("started"), text.at("finished"), text.at("log_from"),
+                text.at("bytes"),  text.at("sha256")};
 }
 
 }  // namespace sweepvi::service

@@ -28,8 +28,9 @@ struct Ending {
   bool forced = false;  ///< it had to be killed
   bool started = true;  ///< false: stopped before it began
   double finished = 0.0;
-  std::int64_t bytes = 0;  ///< of the result; 0: none
-  std::string sha256;      ///< of the result
+  std::int64_t log_from = 0;  ///< where its part of the log begins
+  std::int64_t bytes = 0;     ///< of the result; 0: none
+  std::string sha256;         ///< of the result
 };
 
 /// One attempt at a job, as the daemon and the supervisor of that attempt see it. All they know of each other

@@ -98,6 +98,7 @@ private:
     log_ =
         Descriptor(open((attempt_.job() / "log").c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600));
     logged_ = lseek(log_.get(), 0, SEEK_END);
+    ending_.log_from = logged_;
     prctl(PR_SET_CHILD_SUBREAPER, 1);  // ranks whose mpirun is gone come here
     setenv(mark, attempt_.folder().c_str(), 1);
     began_ = now();

@@ -131,7 +131,13 @@ Judgement judge(const Ending& ending, bool stop_asked, const fs::path& folder) {
   const State when_stopped = asked ? State::cancelled : State::interrupted;
   if (!ending.started) return {State::cancelled, "cancelled before it was started"};
   if (ending.code == 0) return {State::done, ""};
-  std::string message = complaint_in(read_tail(folder / log_file, tail)).substr(0, longest_message);
+  std::error_code none;
+  const std::uintmax_t log = std::filesystem::file_size(folder / log_file, none);
+  const auto own = none ? 0
+                        : static_cast<std::size_t>(
+                              std::max<std::int64_t>(static_cast<std::int64_t>(log) - ending.log_from, 0));
+  std::string message =
+      complaint_in(read_tail(folder / log_file, std::min(tail, own))).substr(0, longest_message);
   if (ending.code == stopped) return {when_stopped, message};
   if (ending.late) return {State::interrupted, "it was ended at its limit of time"};
   if (asked) {
