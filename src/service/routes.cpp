@@ -98,6 +98,11 @@ void Service::check_room(std::int64_t more) const {
 
 sweepvi::service::Request Service::receive(const Asked& request, const Reader& reader,
                                            const std::filesystem::path& folder) {
+  const auto too_long = [&] {
+    return Refusal(413, fmt::format("the body has more than {} bytes", settings_.body));
+  };
+  if (std::strtoll(request.get_header_value("Content-Length").c_str(), nullptr, 10) > settings_.body)
+    throw too_long();
   Submission submission(folder, settings_);
   std::int64_t bytes = 0;
   std::optional<Refusal> refusal;
@@ -114,8 +119,7 @@ sweepvi::service::Request Service::receive(const Asked& request, const Reader& r
   const auto take = [&](const char* data, std::size_t size) {
     return guarded([&] {
       bytes += static_cast<std::int64_t>(size);
-      if (bytes > settings_.body)
-        throw Refusal(413, fmt::format("the body has more than {} bytes", settings_.body));
+      if (bytes > settings_.body) throw too_long();
       if (describes)
         submission.add_description({data, size});
       else
