@@ -169,7 +169,10 @@ void Service::post_job(const Asked& request, Response& response, const Reader& r
   checks_.release();
   replace_all(checked.text, scene_file, wanted.title);
   if (!checked.good) {
-    answer(response, 400, {{"error", checked.text}, {"exit", checked.exit}});
+    // Anything but bad input: its limits of memory and time, or something is wrong with this machine.
+    constexpr int bad_input = 2;
+    answer(response, checked.exit == bad_input || checked.exit < 0 ? 400 : 500,
+           {{"error", checked.text}, {"exit", checked.exit}});
     return;
   }
   wanted.report = checked.text;

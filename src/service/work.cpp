@@ -101,20 +101,30 @@ Order order_for(const Job& job, const fs::path& folder, const Settings& settings
 }
 
 Checked check_work(const json& work, const fs::path& folder, const Settings& settings) {
-  std::vector<std::string> words = {settings.program.string(), "check"};
+  // Alone, without mpirun, and with a folder of its own for MPI's files: checks run side by side.
+  const fs::path scratch = folder / "mpi";
+  const std::vector<std::string> program = {"env", "OMPI_MCA_ess_singleton_isolated=1",
+                                            "OMPI_MCA_orte_tmpdir_base=" + scratch.string(),
+                                            settings.program.string()};
+  std::vector<std::string> words = program;
+  append(words, {"check"});
   append(words, shared_words(work));
   ChildLimits limits;
   limits.seconds = settings.check_seconds;
   limits.memory = settings.check_memory;
+  fs::create_directory(scratch);
   ChildResult result = run_child(words, folder, limits);
-  std::string report = result.out;
+  const std::string report = result.out;
   if (result.code == 0 && work.at("verb") == "study") {
-    words = {settings.program.string(), "study"};
+    words = program;
+    append(words, {"study"});
     append(words, shared_words(work));
     append(words, study_words(work));
     words.emplace_back("--help");  // reads everything, computes nothing
     result = run_child(words, folder, limits);
   }
+  std::error_code failure;
+  fs::remove_all(scratch, failure);
   if (result.code == 0) return {true, 0, report};
   std::string text = result.signal == SIGALRM
                          ? fmt::format("the check took longer than {} s", settings.check_seconds)
