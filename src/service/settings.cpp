@@ -37,7 +37,7 @@ const std::vector<Option>& options() {
       {"--max-wall", "SECONDS", "of one attempt at a job (default: no limit)"},
       {"--grace", "SECONDS", "from SIGUSR1 to SIGTERM to SIGKILL (default: 30)"},
       {"--check-seconds", "SECONDS", "for 'sweepvi check' before a job is queued (default: 60)"},
-      {"--check-memory", "BYTES", "address space it may take (default: 8G)"},
+      {"--check-memory", "BYTES", "address space it may take, 0 for any (default: 8G)"},
       {"--threads", "N", "connections at once (default: 64)"},
       {"--help", "", "this text"}};
   return entries;
@@ -146,7 +146,7 @@ Settings read_settings(const std::vector<std::string>& words) {
   settings.wall = given.number("--max-wall", settings.wall, 0.001, 1e9);
   settings.grace = given.number("--grace", settings.grace, 0.01, 3600);
   settings.check_seconds = static_cast<int>(whole("--check-seconds", settings.check_seconds, 1, 3600));
-  settings.check_memory = whole("--check-memory", settings.check_memory, 1, most_bytes);
+  settings.check_memory = whole("--check-memory", settings.check_memory, 0, most_bytes);
   settings.threads = static_cast<int>(whole("--threads", settings.threads, 4, 1000));
   return settings;
 }

@@ -137,9 +137,10 @@ Checked check_work(const json& work, const fs::path& folder, const Settings& set
 Judgement judge(const Ending& ending, bool stop_asked, const fs::path& folder) {
   constexpr std::size_t tail = 1U << 16U;
   constexpr int stopped = 4;
+  // Batch systems and administrators stop jobs, too: those are interrupted.
   const bool asked = stop_asked || ending.asked;
-  const State when_stopped = asked ? State::cancelled : State::interrupted;
-  if (!ending.started) return {State::cancelled, "cancelled before it was started"};
+  const State when_stopped = stop_asked ? State::cancelled : State::interrupted;
+  if (!ending.started) return {when_stopped, "stopped before it began"};
   if (ending.code == 0) return {State::done, ""};
   std::error_code none;
   const std::uintmax_t log = std::filesystem::file_size(folder / log_file, none);
@@ -152,8 +153,7 @@ Judgement judge(const Ending& ending, bool stop_asked, const fs::path& folder) {
   if (ending.late) return {State::interrupted, "it was ended at its limit of time"};
   if (asked) {
     const bool kept = has_checkpoint(folder);
-    return {State::cancelled,
-            kept ? "ended; its last checkpoint is kept" : "ended before its first checkpoint"};
+    return {when_stopped, kept ? "ended; its last checkpoint is kept" : "ended before its first checkpoint"};
   }
   constexpr int by_signal = 128;  // as shells and mpirun tell it
   const int signal =
