@@ -11,6 +11,7 @@ namespace sweepvi::service {
 
 namespace {
 constexpr auto interval = std::chrono::milliseconds(100);
+constexpr auto after_trouble = std::chrono::milliseconds(2000);
 constexpr double disk_interval = 2.0;  // s
 }  // namespace
 
@@ -38,6 +39,7 @@ void Scheduler::wake() {
 
 void Scheduler::work() {
   while (true) {
+    auto pause = interval;
     try {
       for (const Job& job : queue_.running())
         look_at(job);
@@ -45,9 +47,10 @@ void Scheduler::work() {
       start_next();
     } catch (const std::exception& error) {  // a full disk, say; it may have room again
       std::fprintf(stderr, "sweepvi-serve: %s\n", error.what());
+      pause = after_trouble;
     }
     std::unique_lock lock(mutex_);
-    changed_.wait_for(lock, interval, [&] { return woken_ || ends_; });
+    changed_.wait_for(lock, pause, [&] { return woken_ || ends_; });
     woken_ = false;
     if (ends_) return;
   }
