@@ -1,6 +1,7 @@
 """Requests that mean harm, and what they may not lead to."""
 
 import json
+import os
 import random
 import socket
 import threading
@@ -211,7 +212,8 @@ def survive(folder, requests, seed, verdict):
         verdict.expect(server.ask("GET", "/healthz").status == 200, "and answers")
         verdict.expect(not [s for s in counts if s >= 500 and s not in (503, 505, 507)], "no internal error")
         verdict.expect(sum(counts.get(s, 0) for s in (400, 401, 404)) > requests / 4, "most of it was understood, and refused")
-        verdict.expect(after - before < 16 * 2**20, "memory does not grow by more than 16 MB")
+        # The address sanitizer keeps what is freed for a while.
+        verdict.expect("ASAN_OPTIONS" in os.environ or after - before < 16 * 2**20, "memory does not grow by more than 16 MB")
         jobs = server.ask("GET", "/v1/jobs?limit=1000").json["jobs"]
         options = [o for job in jobs for o in server.job(job["id"])["options"]]
         allowed = {"-snes_type", "vinewtonssls"}

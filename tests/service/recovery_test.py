@@ -1,4 +1,5 @@
 # ranks: 2
+# labels: no-sanitize
 # timeout: 240
 """Stopping, going on, failures of runs, and a daemon that is killed."""
 
@@ -232,6 +233,5 @@ class Killed(InService):
         self.assertIn("another daemon works here", outcome.err)
 
 
-del InService
 if __name__ == "__main__":
     unittest.main()
