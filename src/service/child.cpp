@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <poll.h>
-#include <signal.h>
 #include <spawn.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -11,6 +10,7 @@
 #include <array>
 #include <cerrno>
 #include <chrono>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -108,15 +108,15 @@ ChildResult run_child(const std::vector<std::string>& words, const std::filesyst
   err.in.close();
 
   ChildResult result;
-  const double deadline = now() + limits.seconds + 1.0;
-  while ((out.out || err.out) && now() < deadline) {
+  const double deadline = ticks() + limits.seconds + 1.0;
+  while ((out.out || err.out) && ticks() < deadline) {
     std::array<pollfd, 2> streams{{{out.out.get(), POLLIN, 0}, {err.out.get(), POLLIN, 0}}};
     if (poll(streams.data(), streams.size(), 1000) <= 0) continue;
     if (streams[0].revents != 0 && !take(out.out, result.out, limits.output)) out.out.close();
     if (streams[1].revents != 0 && !take(err.out, result.err, limits.output)) err.out.close();
   }
   siginfo_t ended{};
-  while (now() < deadline &&
+  while (ticks() < deadline &&
          waitid(P_PID, static_cast<id_t>(pid), &ended, WEXITED | WNOWAIT | WNOHANG) == 0 && ended.si_pid == 0)
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   kill(-pid, SIGKILL);  // what it left behind, or itself

@@ -23,7 +23,7 @@ bool Connection::wait_for(short events, double seconds) const {
 
 bool Connection::next() {
   if (first_ == last_ && !wait_for(POLLIN, limits_.idle)) return false;
-  began_ = now();
+  began_ = ticks();
   bytes_ = 0;
   head_bytes_ = 0;
   line_ends_ = 0;
@@ -53,7 +53,7 @@ ssize_t Connection::read(char* bytes, std::size_t size) {
   if (bytes_ >= most) return -1;
   if (first_ == last_) {
     const double until = began_ + limits_.patience + static_cast<double>(bytes_) / limits_.slowest;
-    if (!wait_for(POLLIN, until - now())) return -1;
+    if (!wait_for(POLLIN, until - ticks())) return -1;
     const ssize_t count = recv(socket_, buffer_.data(), buffer_.size(), 0);
     if (count <= 0) return count;
     first_ = 0;
@@ -76,8 +76,8 @@ ssize_t Connection::write(const char* bytes, std::size_t size) {
 void Connection::finish() {
   shutdown(socket_, SHUT_WR);
   constexpr double moment = 0.5;  // s
-  const double until = now() + moment;
-  while (wait_for(POLLIN, until - now()) && recv(socket_, buffer_.data(), buffer_.size(), 0) > 0) {
+  const double until = ticks() + moment;
+  while (wait_for(POLLIN, until - ticks()) && recv(socket_, buffer_.data(), buffer_.size(), 0) > 0) {
   }
   close(socket_);
 }

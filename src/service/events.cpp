@@ -61,9 +61,9 @@ bool Events::next(const std::function<bool(const std::string&)>& send) {
     told_ = state;
     text += event(seen_, last ? "end" : "state", text_of(represent(*job, folder_)));
   }
-  if (text.empty() && now() - spoke_ > longest_silence) text = ": still here\n\n";
+  if (text.empty() && ticks() - spoke_ > longest_silence) text = ": still here\n\n";
   if (!text.empty()) {
-    spoke_ = now();
+    spoke_ = ticks();
     if (!send(text)) return false;
   }
   if (!last) std::this_thread::sleep_for(pause);

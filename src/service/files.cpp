@@ -2,13 +2,13 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <signal.h>
 #include <unistd.h>
 
 #include <array>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdlib>
 #include <ctime>
 #include <fstream>
@@ -91,7 +91,7 @@ void end_processes_with(const std::string& name, const std::string& value) {
   for (int round = 0; round < 20; ++round) {
     bool found = false;
     for (const fs::directory_entry& entry : fs::directory_iterator("/proc", failure)) {
-      const int pid = std::atoi(entry.path().filename().c_str());
+      const int pid = static_cast<int>(std::strtol(entry.path().filename().c_str(), nullptr, 10));
       if (pid <= 1 || pid == getpid()) continue;
       const std::optional<std::string> environment = read_file(entry.path() / "environ");
       if (!environment || environment->find(mark) == std::string::npos) continue;
@@ -105,6 +105,10 @@ void end_processes_with(const std::string& name, const std::string& value) {
 
 double now() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+double ticks() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 std::string utc(double time) {

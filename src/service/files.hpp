@@ -41,6 +41,8 @@ void end_processes_with(const std::string& name, const std::string& value);
 
 /// Seconds since 1970, UTC.
 double now();
+/// Seconds since whenever, by a clock that nobody sets: for what lasts.
+double ticks();
 /// As in 2026-01-31T12:00:00.125Z.
 std::string utc(double time);
 

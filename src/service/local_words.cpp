@@ -66,7 +66,7 @@ LocalWords read_local_words(const std::vector<std::string>& words) {
       if (i + 1 == words.size()) throw UsageError(word + " needs a value");
       return words[++i];
     };
-    if (word == "-o") {
+    if (word == "-o" || (verb == "study" && word == "--csv")) {
       local.output = value();
     } else if (word == "--summary") {
       local.summary = value();
@@ -87,8 +87,6 @@ LocalWords read_local_words(const std::vector<std::string>& words) {
       out["reference"] = number_of(word, value());
     } else if (verb == "study" && word == "--settings") {
       local.settings = value();
-    } else if (verb == "study" && word == "--csv") {
-      local.output = value();
     } else if (is_option(given)) {
       out["options"].push_back(given);
       if (i + 1 < words.size() && !is_option(words[i + 1]) && !words[i + 1].starts_with("--"))

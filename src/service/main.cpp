@@ -1,6 +1,6 @@
 // The service: daemon, client and the supervisor of a run, in one program that needs neither MPI nor PETSc.
-#include <signal.h>
 
+#include <csignal>
 #include <cstdio>
 #include <string>
 #include <thread>

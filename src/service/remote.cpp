@@ -55,9 +55,9 @@ std::unique_ptr<httplib::Client> connect(const std::string& server) {
 /// Again for a while if nobody takes the connection: a daemon that is started anew takes a moment.
 httplib::Result insist(const std::function<httplib::Result()>& ask) {
   constexpr double moment = 5.0;  // s
-  const double begin = now();
+  const double begin = ticks();
   httplib::Result result = ask();
-  while (!result && result.error() == httplib::Error::Connection && now() - begin < moment) {
+  while (!result && result.error() == httplib::Error::Connection && ticks() - begin < moment) {
     std::this_thread::sleep_for(std::chrono::milliseconds(200));
     result = ask();
   }
@@ -115,18 +115,24 @@ json Remote::post_form(const std::string& path, const httplib::MultipartFormData
                        const std::string& key) {
   httplib::Headers headers = headers_;
   headers.emplace("Idempotency-Key", key);
-  const double begin = now();
+  const double begin = ticks();
   const auto ask = [&] { return insist([&] { return client_->Post(path, headers, parts); }); };
   httplib::Result result = ask();
-  while (!result && result.error() != httplib::Error::Connection && now() - begin < patience)
+  constexpr int busy = 503;
+  const auto may_work_later = [&] {
+    return result ? result->status == busy : result.error() != httplib::Error::Connection;
+  };
+  while (may_work_later() && ticks() - begin < patience) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
     result = ask();
+  }
   return read(result, path);
 }
 
 void Remote::listen(const std::string& path, const std::function<bool(const Event&)>& take) {
   std::string last;
   bool more = true;
-  double heard = now();
+  double heard = ticks();
   while (more) {
     httplib::Headers headers = headers_;
     if (!last.empty()) headers.emplace("Last-Event-ID", last);
@@ -144,7 +150,7 @@ void Remote::listen(const std::string& path, const std::function<bool(const Even
             refusal.append(data, size);
             return true;
           }
-          heard = now();
+          heard = ticks();
           text.append(data, size);
           for (std::size_t end = text.find("\n\n"); more && end != std::string::npos;
                end = text.find("\n\n")) {
@@ -168,8 +174,8 @@ void Remote::listen(const std::string& path, const std::function<bool(const Even
       throw RemoteError(bad_input, body.is_object() ? body.value("error", "") : refusal);
     }
     if (!more) return;
-    if (now() - heard > patience) static_cast<void>(read(result, path));
-    if (now() - heard > patience) return;
+    if (ticks() - heard > patience) static_cast<void>(read(result, path));
+    if (ticks() - heard > patience) return;
     std::this_thread::sleep_for(std::chrono::milliseconds(300));
   }
 }
@@ -180,7 +186,7 @@ void Remote::download(const std::string& path, const std::string& file) {
   std::int64_t done = 0;
   std::string digest;
   std::string tag;
-  double heard = now();
+  double heard = ticks();
   while (true) {
     httplib::Headers headers = headers_;
     if (done > 0) {
@@ -210,7 +216,7 @@ void Remote::download(const std::string& path, const std::string& file) {
             refusal.append(data, size);
             return true;
           }
-          heard = now();
+          heard = ticks();
           out.write(data, static_cast<std::streamsize>(size));
           done += static_cast<std::int64_t>(size);
           return static_cast<bool>(out);
@@ -222,7 +228,7 @@ void Remote::download(const std::string& path, const std::string& file) {
       throw RemoteError(bad_input, body.is_object() ? body.value("error", "") : refusal);
     }
     if (result) break;
-    if (now() - heard > patience) static_cast<void>(read(result, path));
+    if (ticks() - heard > patience) static_cast<void>(read(result, path));
     std::this_thread::sleep_for(std::chrono::milliseconds(300));
   }
   out.close();

@@ -57,6 +57,18 @@ private:
   std::filesystem::path folder_;
 };
 
+/// Counts those who are somewhere.
+class Counted {
+public:
+  explicit Counted(std::atomic<int>& count) : count_(count) { ++count_; }
+  ~Counted() { --count_; }
+  Counted(const Counted&) = delete;
+  Counted& operator=(const Counted&) = delete;
+
+private:
+  std::atomic<int>& count_;
+};
+
 }  // namespace
 
 void Service::set_routes() {
@@ -148,6 +160,9 @@ sweepvi::service::Request Service::receive(const Asked& request, const Reader& r
 }
 
 void Service::post_job(const Asked& request, Response& response, const Reader& reader) {
+  // Most of them wait for a check: some threads are for others.
+  const Counted counted(submitters_);
+  if (submitters_ > settings_.threads / 2) throw Refusal(503, "too many hand in jobs at once; try again");
   check_room(0);
   const Incoming incoming(store_);
   sweepvi::service::Request wanted = receive(request, reader, incoming.folder());

@@ -43,7 +43,7 @@ void Scheduler::work() {
     try {
       for (const Job& job : queue_.running())
         look_at(job);
-      if (now() - measured_ > disk_interval) measured_ = now();
+      if (ticks() - measured_ > disk_interval) measured_ = ticks();
       start_next();
     } catch (const std::exception& error) {  // a full disk, say; it may have room again
       std::fprintf(stderr, "sweepvi-serve: %s\n", error.what());
@@ -65,7 +65,7 @@ void Scheduler::look_at(const Job& job) {
   const Whereabouts found = launcher_.poll(attempt, job);
   switch (found.kind) {
     case Whereabouts::Kind::under_way:
-      if (now() - measured_ > disk_interval) watch_disk(job);
+      if (ticks() - measured_ > disk_interval) watch_disk(job);
       return;
     case Whereabouts::Kind::ended:
       conclude(job, attempt.ending().value_or(Ending()));

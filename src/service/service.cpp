@@ -110,7 +110,8 @@ void Service::listen() {
   std::string where = settings_.listen;
   if (settings_.on_socket()) {
     const std::string path = settings_.listen.substr(5);
-    unlink(path.c_str());  // of an earlier daemon; the lock of --data says that it is gone
+    // Of an earlier daemon; the lock of --data says that it is gone.
+    if (std::filesystem::is_socket(path)) unlink(path.c_str());
     server_.set_address_family(AF_UNIX);
     constexpr int any = 80;
     if (!server_.bind_to_port(path, any)) throw std::runtime_error(path + ": cannot listen there");
@@ -127,6 +128,7 @@ void Service::listen() {
   fmt::print("{}: {}; everything is kept in {}\n", where, launcher_->describe(), settings_.data.string());
   std::fflush(stdout);
   server_.listen_after_bind();
+  if (!ends_) throw std::runtime_error(where + ": no more connections can be taken");
 }
 
 }  // namespace sweepvi::service

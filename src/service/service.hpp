@@ -56,6 +56,7 @@ private:
   std::counting_semaphore<> checks_;  // as many at once as there are processors
   std::mutex drawing_;                // one picture at a time
   std::atomic<int> listeners_ = 0;    // to events
+  std::atomic<int> submitters_ = 0;   // who are being served
   std::atomic<bool> ends_ = false;
   Server server_;
 };

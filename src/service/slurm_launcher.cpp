@@ -58,7 +58,7 @@ public:
     words.push_back(script.string());
     const ChildResult result = ask(words);
     if (result.code != 0) throw std::runtime_error("sbatch: " + trimmed(result.err));
-    asked_[attempt.folder()] = now();
+    asked_[attempt.folder()] = ticks();
     launched_.insert(attempt.folder());
   }
 
@@ -66,8 +66,8 @@ public:
     using Kind = Whereabouts::Kind;
     if (attempt.ending()) return {Kind::ended, {}};
     double& asked = asked_[attempt.folder()];
-    if (now() - asked < asking_interval) return {Kind::under_way, {}};
-    asked = now();
+    if (ticks() - asked < asking_interval) return {Kind::under_way, {}};
+    asked = ticks();
     const ChildResult waiting = ask({"squeue", "--noheader", "--format=%T", "--name=" + name(job)});
     if (waiting.code != 0 || !trimmed(waiting.out).empty()) return {Kind::under_way, {}};
     if (attempt.ending()) return {Kind::ended, {}};

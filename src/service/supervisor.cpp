@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <poll.h>
-#include <signal.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -101,7 +100,7 @@ private:
     ending_.log_from = logged_;
     prctl(PR_SET_CHILD_SUBREAPER, 1);  // ranks whose mpirun is gone come here
     setenv(mark, attempt_.folder().c_str(), 1);
-    began_ = now();
+    began_ = ticks();
     const pid_t parent = getpid();
     pid_ = fork();
     if (pid_ < 0) throw std::system_error(errno, std::generic_category(), "fork");
@@ -155,7 +154,7 @@ private:
 
   // SIGUSR1 writes a checkpoint and ends in order; who does not react is asked less kindly.
   void stop_if_asked() {
-    const double time = now();
+    const double time = ticks();
     const bool asked = stop_signal != 0 || attempt_.asked_to_stop();
     const bool late = order_.seconds > 0.0 && time - began_ > order_.seconds;
     if (!asked && !late) return;

@@ -1,8 +1,8 @@
 #include "service/work.hpp"
 
 #include <fmt/format.h>
-#include <signal.h>
 
+#include <csignal>
 #include <cstring>
 #include <sstream>
 
@@ -44,17 +44,21 @@ std::string ending_of_signal(int signal) {
   return fmt::format("ended by signal {} ({})", signal, name == nullptr ? "unknown" : name);
 }
 
-/// What the program said last about itself; else what PETSc or mpirun said of its death.
+/// What the program said last about itself; else what PETSc or mpirun said of its death, or anything at all.
 std::string complaint_in(const std::string& log) {
   std::istringstream lines(log);
   std::string own;
   std::string death;
+  std::string any;
   for (std::string line; std::getline(lines, line);) {
     if (line.starts_with("sweepvi: ")) own = line.substr(9);
+    if (any.empty() && !line.starts_with("step ") && line.find_first_not_of("- \t") != std::string::npos)
+      any = line;
     for (const char* sign : {"Caught signal number", "exited on signal", "bad_alloc", "Out of memory"})
       if (line.find(sign) != std::string::npos && death.empty()) death = line;
   }
-  return own.empty() ? death : own;
+  if (!own.empty()) return own;
+  return death.empty() ? any : death;
 }
 
 }  // namespace
