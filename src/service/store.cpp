@@ -28,7 +28,7 @@ Store::Store(fs::path folder) : folder_(std::move(folder)) {
 }
 
 fs::path Store::receive() const {
-  const fs::path folder = folder_ / "incoming" / random_hex(16);
+  fs::path folder = folder_ / "incoming" / random_hex(16);
   fs::create_directory(folder);
   return folder;
 }
