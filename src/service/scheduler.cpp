@@ -73,9 +73,9 @@ void Scheduler::look_at(const Job& job) {
     case Whereabouts::Kind::lost:
       end_processes_with("SWEEPVI_ATTEMPT", attempt.folder().string());
       give_up(job, State::interrupted,
-              fmt::format("its processes are gone without a word; resume goes on from {}. {}",
-                          has_checkpoint(store_.job(job.id)) ? "its last checkpoint" : "the start",
-                          found.reason));
+              fmt::format("its processes are gone without a word{}; resume goes on from {}",
+                          found.reason.empty() ? "" : " (" + found.reason + ")",
+                          has_checkpoint(store_.job(job.id)) ? "its last checkpoint" : "the start"));
       break;
     case Whereabouts::Kind::never_began:
       if (found.reason.empty())

@@ -76,7 +76,7 @@ public:
     if (attempt.claimed()) return {Kind::lost, said};
     if (!attempt.claim()) return {Kind::under_way, {}};
     const bool was_there = launched_.contains(attempt.folder()) || !said.empty();
-    return {Kind::never_began, was_there ? "it left Slurm's queue before it began. " + said : ""};
+    return {Kind::never_began, was_there ? trimmed("it left Slurm's queue before it began. " + said) : ""};
   }
 
   void stop(const Attempt& attempt, const Job& job) override {
