@@ -54,6 +54,16 @@ bool Attempt::alive() const {
   return file && flock(file.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
 }
 
+void Attempt::note_scratch(const std::filesystem::path& path) const {
+  std::filesystem::create_symlink(path, folder_ / "scratch");
+}
+
+void Attempt::remove_scratch() const noexcept {
+  std::error_code failure;
+  const std::filesystem::path path = std::filesystem::read_symlink(folder_ / "scratch", failure);
+  if (!failure) std::filesystem::remove_all(path, failure);
+}
+
 void Attempt::ask_to_stop() const {
   std::ofstream(folder_ / "stop").flush();
 }

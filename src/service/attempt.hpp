@@ -53,6 +53,10 @@ public:
   /// Whether the one who claimed it is still there.
   bool alive() const;
 
+  /// Where MPI keeps its own files meanwhile; remembered, for a supervisor that is killed cannot tidy up.
+  void note_scratch(const std::filesystem::path& path) const;
+  void remove_scratch() const noexcept;
+
   void ask_to_stop() const;
   bool asked_to_stop() const;
 

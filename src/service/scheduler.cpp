@@ -72,6 +72,7 @@ void Scheduler::look_at(const Job& job) {
       break;
     case Whereabouts::Kind::lost:
       end_processes_with("SWEEPVI_ATTEMPT", attempt.folder().string());
+      attempt.remove_scratch();
       give_up(job, State::interrupted,
               fmt::format("its processes are gone without a word{}; resume goes on from {}",
                           found.reason.empty() ? "" : " (" + found.reason + ")",

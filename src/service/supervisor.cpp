@@ -42,21 +42,20 @@ void set_limit(int resource, std::int64_t bytes) {
 /// Where MPI keeps its own files: short, for sockets have short names, and gone afterwards.
 class Scratch {
 public:
-  Scratch() {
+  explicit Scratch(const Attempt& attempt) : attempt_(attempt) {
     const char* base = std::getenv("TMPDIR");
-    path_ = (base != nullptr && std::strlen(base) < 40 ? std::string(base) : "/tmp") + "/sweepvi-XXXXXX";
-    if (mkdtemp(path_.data()) == nullptr) throw std::system_error(errno, std::generic_category(), path_);
-    setenv("OMPI_MCA_orte_tmpdir_base", path_.c_str(), 1);
+    std::string path =
+        (base != nullptr && std::strlen(base) < 40 ? std::string(base) : "/tmp") + "/sweepvi-XXXXXX";
+    if (mkdtemp(path.data()) == nullptr) throw std::system_error(errno, std::generic_category(), path);
+    attempt_.note_scratch(path);
+    setenv("OMPI_MCA_orte_tmpdir_base", path.c_str(), 1);
   }
-  ~Scratch() {
-    std::error_code failure;
-    std::filesystem::remove_all(path_, failure);
-  }
+  ~Scratch() { attempt_.remove_scratch(); }
   Scratch(const Scratch&) = delete;
   Scratch& operator=(const Scratch&) = delete;
 
 private:
-  std::string path_;
+  const Attempt& attempt_;
 };
 
 class Supervisor {
@@ -69,7 +68,7 @@ public:
       ending_.asked = true;
       return ending_;
     }
-    const Scratch scratch;
+    const Scratch scratch(attempt_);
     start();
     int status = 0;
     while (true) {

@@ -214,6 +214,8 @@ class Killed(InService):
         job = self.daemon.wait(number)
         self.assertEqual((job["state"], job["checkpoint"]), ("interrupted", True), job)
         self.assertEqual(daemon.processes_of(self.daemon.data), [])
+        scratch = self.daemon.data / f"jobs/{number}/attempt-1/scratch"
+        self.assertTrue(scratch.is_symlink() and not scratch.exists(), "MPI's files are left behind")
         self.assertEqual(self.daemon.ask("POST", f"/v1/jobs/{number}/resume").status, 202)
         self.assertEqual(self.daemon.wait(number)["state"], "done")
 
