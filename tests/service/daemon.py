@@ -1,5 +1,6 @@
 """Starts the daemon and talks to it, for the Python tests. Every answer is held against openapi.json."""
 
+import fcntl
 import http.client
 import json
 import os
@@ -159,9 +160,12 @@ class Daemon:
             finally:
                 self.process.stdout.close()
                 self.errors.close()
-        for attempt in self.data.glob("jobs/*/attempt-*"):
-            if not (attempt / "ending.json").exists():
-                (attempt / "stop").touch()
+        left = [path for path in self.data.glob("jobs/*/attempt-*") if not (path / "ending.json").exists()]
+        for attempt in left:
+            (attempt / "stop").touch()
+        deadline = time.monotonic() + 10
+        while any(supervised(attempt) for attempt in left) and time.monotonic() < deadline:
+            time.sleep(0.05)
 
     def __enter__(self):
         return self
@@ -258,6 +262,18 @@ def form(description, files):
         parts.append(head.encode() + data)
     body = b"".join(b"--" + mark.encode() + b"\r\n" + part + b"\r\n" for part in parts)
     return body + b"--" + mark.encode() + b"--\r\n", "multipart/form-data; boundary=" + mark
+
+
+def supervised(attempt):
+    """Whether the supervisor of an attempt is still there: it holds the lock."""
+    try:
+        with open(attempt / "claim") as claim:
+            fcntl.flock(claim, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except BlockingIOError:
+        return True
+    return False
 
 
 def processes_of(folder):

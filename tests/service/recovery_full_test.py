@@ -18,8 +18,8 @@ class ManyMoments(recovery_test.Stopping):
     moments = tuple(0.03 * i for i in range(40))
 
     def test_cancel_at_any_moment_of_a_run_that_writes_all_the_time(self):
-        scene = recovery_test.SHORT.replace("every = 50", "every = 1\ncheckpoint = 0.001").replace("count = 60", "count = 4000")
-        scene = scene.replace("end = 150.0", "end = 1.0")
+        scene = recovery_test.SHORT.replace("every = 500", "every = 1\ncheckpoint = 0.001").replace("count = 60", "count = 4000")
+        scene = scene.replace("end = 1500.0", "end = 1.0")
         moments = random.Random(8)
         for ranks in (1, 2):
             whole = self.undisturbed(scene, "--set", "output.checkpoint=0", ranks=ranks)
