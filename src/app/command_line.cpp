@@ -10,6 +10,7 @@
 #include <span>
 #include <string_view>
 
+#include "app/service_verbs.hpp"
 #include "io/toml_table.hpp"
 
 namespace sweepvi::app {
@@ -26,7 +27,8 @@ struct VerbEntry {
 const std::vector<VerbEntry>& verbs() {
   static const std::vector<VerbEntry> entries = {
       {"run", Verb::run, "SCENE.toml", "simulate a scene and record its trajectory"},
-      {"check", Verb::check, "SCENE.toml", "read and classify a scene; solve nothing, write nothing"},
+      {"check", Verb::check, "SCENE.toml",
+       "read and classify a scene, or read a problem; solve nothing, write nothing"},
       {"solve", Verb::solve, "PROBLEM.toml", "solve one box VI, LCP or mixed LCP"},
       {"compare", Verb::compare, "A.h5 B.h5",
        "distances between two recorded runs, or from a table FILE.csv"},
@@ -110,6 +112,17 @@ const std::vector<OptionEntry>& options() {
        true,
        "of the Hausdorff distance (default: 1e-3 of it, but at most 1e-6 of the largest |x|)"},
       {"--summary", "FILE.json", {Verb::compare}, true, "write the same numbers as one JSON object"},
+      {"--progress",
+       "FILE",
+       {Verb::run},
+       true,
+       "append a line of JSON every now and then: step, t, iterations, residual, estimated end"},
+      {"--confine",
+       "FILES.json",
+       {Verb::run, Verb::check, Verb::solve, Verb::study},
+       true,
+       "for what others wrote: it may name these files only, {\"name\": \"path\"}, and harmless PETSc "
+       "options"},
       {"--force", "", {Verb::run, Verb::solve}, true, "replace output files that exist"},
       {"--restart",
        "FILE.h5",
@@ -279,6 +292,8 @@ private:
                 : word == "--settings"  ? line_.settings
                 : word == "--reference" ? line_.reference
                 : word == "--csv"       ? line_.csv
+                : word == "--progress"  ? line_.progress
+                : word == "--confine"   ? line_.confine
                                         : line_.summary);
     }
   }
@@ -457,12 +472,13 @@ std::string general_help() {
       "sweepvi simulates nonsmooth dynamical systems; each step is a variational inequality solved with "
       "PETSc.\n"
       "\nUsage: [mpirun -n N] sweepvi VERB ...\n\n{}"
+      "\nAs a service, without MPI:\n\n{}"
       "\n'sweepvi help VERB' lists the options of a verb.\n"
       "\nWords with one dash, except -o and -h, go to PETSc: -log_view, -snes_monitor, ... Our own among "
       "them start\n"
       "with -sweepvi_; -help after a scene lists those of the objects it builds.\n"
       "\nExit codes:\n{}",
-      columns(rows),
+      columns(rows), columns(service_verbs()),
       columns(
           {{"0", "done; every step certified"},
            {"1", "internal error: a bug"},
@@ -496,6 +512,8 @@ CommandLine parse_command_line(const std::vector<std::string>& words) {
     if (entry.name == first) return Parser(entry.verb, all.subspan(1)).parse();
     known.push_back(entry.name);
   }
+  for (const auto& [name, text] : service_verbs())
+    known.push_back(name);
   if (is_option(first))
     throw InputError(fmt::format("'{}' comes before the verb; expected sweepvi VERB ...", first));
   if (first.ends_with(".toml"))

@@ -24,6 +24,8 @@ struct CommandLine {
   std::optional<std::string> summary;    ///< --summary
   std::optional<std::string> restart;    ///< --restart
   std::optional<double> wall_limit;      ///< --wall-limit [s]
+  std::optional<std::string> progress;   ///< --progress
+  std::optional<std::string> confine;    ///< --confine
   bool force = false;                    ///< --force
   std::vector<double> steps;             ///< --steps [s], of study
   std::vector<double> tolerances;        ///< --tolerances, of hybrid

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <ctime>
@@ -13,8 +14,11 @@
 
 namespace sweepvi::app {
 
-std::string timestamp() {
-  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+std::string timestamp(double later) {
+  // What is further away than a year may as well be a year away; seconds of that size are safe to add.
+  constexpr double year = 366.0 * 86400.0;
+  const auto wait = std::chrono::seconds(static_cast<std::int64_t>(std::clamp(later, 0.0, year)));
+  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now() + wait);
   std::tm utc{};
   gmtime_r(&now, &utc);
   std::array<char, 32> text{};

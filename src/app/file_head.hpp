@@ -10,8 +10,8 @@
 
 namespace sweepvi::app {
 
-/// Now, in UTC, as in 2026-01-31T12:00:00Z.
-std::string timestamp();
+/// Now, or so many seconds later, in UTC, as in 2026-01-31T12:00:00Z.
+std::string timestamp(double later = 0.0);
 
 /// The root attributes every result has: what made it, from what, where, when. @note Collective.
 /// @param overrides  what `--set` changed in the scene

@@ -1,11 +1,17 @@
 // The program: command line -> verb -> exit code. MPI, PETSc and every handle end before main returns.
+#include <fmt/format.h>
+#include <sys/resource.h>
+
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
+#include <fstream>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "app/command_line.hpp"
+#include "app/service_verbs.hpp"
 #include "app/verbs.hpp"
 #include "app/watch.hpp"
 #include "io/table_file.hpp"
@@ -21,6 +27,7 @@ ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
       std::fputs(app::help_text(line.verb == app::Verb::help ? line.help_topic : line.verb).c_str(), stdout);
     return ExitCode::done;
   }
+  app::confine(comm, line);
   switch (line.verb) {
     case app::Verb::run:
       return app::run(comm, line);
@@ -43,6 +50,27 @@ ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
   return ExitCode::done;
 }
 
+/// Most that this process has had of it so far [B].
+double peak_address_space() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);)
+    if (line.starts_with("VmPeak:")) return 1024.0 * std::strtod(line.c_str() + 7, nullptr);
+  return 0.0;
+}
+
+/// Whoever runs out of `ulimit -v` fails anywhere, and rarely says why.
+std::string memory_hint() {
+  rlimit limit{};
+  if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return {};
+  const double most = static_cast<double>(limit.rlim_cur);
+  const double peak = peak_address_space();
+  constexpr double much = 0.3;  // one large piece may have been asked for
+  if (peak < much * most) return {};
+  return fmt::format(
+      ". It had taken {:.0f} MB of the {:.0f} MB of memory that ulimit -v leaves it: perhaps not enough",
+      peak / 1e6, most / 1e6);
+}
+
 void complain(int rank, const char* message) {
   if (rank == 0) std::fprintf(stderr, "sweepvi: %s\n", message);
 }
@@ -53,7 +81,9 @@ int main(int argc, char** argv) {
   app::CommandLine line;
   std::optional<Error> bad_usage;
   try {
-    line = app::parse_command_line(std::vector<std::string>(argv + 1, argv + argc));
+    const std::vector<std::string> given(argv + 1, argv + argc);
+    app::become_service(given);
+    line = app::parse_command_line(given);
   } catch (const Error& error) {
     bad_usage = error;
   }
@@ -85,12 +115,13 @@ int main(int argc, char** argv) {
     code = error.code();
     if (code == ExitCode::internal || TableFile::damaged()) {
       // Perhaps only this rank is here; the others must not wait for it.
-      std::fprintf(stderr, "sweepvi: [rank %d] %s\n", rank, error.what());
+      std::fprintf(stderr, "sweepvi: [rank %d] %s%s\n", rank, error.what(), memory_hint().c_str());
       MPI_Abort(session.comm(), static_cast<int>(code));
     }
     complain(rank, error.what());
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "sweepvi: [rank %d] internal error: %s\n", rank, error.what());
+    std::fprintf(stderr, "sweepvi: [rank %d] internal error: %s%s\n", rank, error.what(),
+                 memory_hint().c_str());
     MPI_Abort(session.comm(), static_cast<int>(ExitCode::internal));
   }
   return static_cast<int>(code);

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <sstream>
 
+#include "app/verbs.hpp"
 #include "io/toml_table.hpp"
 #include "sweepvi/petsc.hpp"
 
@@ -65,6 +66,7 @@ void insert_scene_options(const CommandLine& line, const std::string& options, b
     throw InputError("petsc.options = \"" + options +
                      "\" does not start with an option; names begin with a dash, as in " +
                      "\"-snes_monitor\"");
+  check_options_allowed("petsc.options", options);
   char* saved = nullptr;  // rc file, PETSC_OPTIONS, command line
   check(PetscOptionsGetAll(nullptr, &saved));
   if (!from_set) check_options(PetscOptionsInsertString(nullptr, options.c_str()));
@@ -128,6 +130,7 @@ OptionsScope::~OptionsScope() {
 }
 
 void OptionsScope::insert(const CommandLine& line, const std::string& options) {
+  check_options_allowed("a setting's options", options);
   check_options(PetscOptionsInsertString(nullptr, options.c_str()));
   insert_words(line.petsc_words);
 }

@@ -85,6 +85,7 @@ Run::Run(MPI_Comm comm, const CommandLine& line) : comm_(comm), line_(line), sce
   check_distinct(comm, {{"the scene", line.scene},
                         {"the output", path_},
                         {"--summary", line.summary.value_or("")},
+                        {"--progress", line.progress.value_or("")},
                         {"the problem file of a step that fails", ProblemPaths(path_).toml}});
   fingerprint_ = fingerprint(comm, scene_, line.overrides);
   if (line.restart) {
@@ -148,7 +149,7 @@ void Run::after_step(const Step& step, const StepReport& report) {
   MPI_Allreduce(MPI_IN_PLACE, &contact_changes, 1, MPI_INT, MPI_LOR, comm_);
   summary_.active_changes += contact_changes;
   recorder_->step(step, report, solved - recorded_);
-  progress_->show(step.number, step.t_new, summary_.snes_iterations);
+  progress_->show(step.number, step.t_new, summary_.snes_iterations, summary_.max_residual);
 
   const Watch::Asked asked = watch_->ask();
   if (asked.stop && step.number < scene_.time.steps) {
@@ -170,7 +171,7 @@ void Run::after_step(const Step& step, const StepReport& report) {
 
 void Run::march() {
   watch_.emplace(comm_, begin_, line_.wall_limit, scene_.output.checkpoint);
-  progress_ = std::make_unique<Progress>(comm_, scene_.time.steps);
+  progress_ = std::make_unique<Progress>(comm_, summary_.steps, scene_.time.steps, line_.progress);
   report_.certified = true;
   stopped_ = summary_.steps < scene_.time.steps && watch_->ask().stop;
   if (stopped_) return;

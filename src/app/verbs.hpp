@@ -16,4 +16,13 @@ ExitCode study(MPI_Comm comm, const CommandLine& line);
 ExitCode bench(MPI_Comm comm, const CommandLine& line);
 ExitCode info(MPI_Comm comm);
 
+/// `--confine`: from here on, documents name the files of its list only, and options come from a list of
+/// harmless ones. Without that word, nothing.
+/// @throws Error (bad_input) on every rank: no list, or an option of the command line that is not allowed
+/// @note Collective.
+void confine(MPI_Comm comm, const CommandLine& line);
+
+/// Refuses PETSc options of a document unless they are harmless; of a process that is not confined, none.
+void check_options_allowed(const std::string& where, const std::string& options);
+
 }  // namespace sweepvi::app

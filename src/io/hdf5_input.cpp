@@ -5,6 +5,7 @@
 #include <cstring>
 #include <filesystem>
 
+#include "io/confinement.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -26,6 +27,13 @@ std::string content_of(hid_t file) {
   for (const std::string& name : names)
     list += (list.empty() ? "" : ", ") + name;
   return list.empty() ? "nothing" : all ? list : list + ", ...";
+}
+
+/// Which of the open files an object is in.
+unsigned long file_number(hid_t object) {
+  H5O_info_t info{};
+  H5Oget_info_by_name2(object, ".", &info, H5O_INFO_BASIC, H5P_DEFAULT);
+  return info.fileno;
 }
 
 }  // namespace
@@ -51,6 +59,8 @@ Hdf5Object open_hdf5_object(hid_t file, const std::string& path, const std::stri
   if (!object)
     throw InputError(place_in(path, name) + " is not in the file, which holds " + content_of(file) +
                      "; name one of these as dataset");
+  if (files_are_confined() && file_number(object.get()) != file_number(file))
+    throw InputError(place_in(path, name) + " is a link to another file; store the data themselves");
   return object;
 }
 
@@ -117,7 +127,11 @@ void check_finite(const double* values, std::size_t count, const std::string& wh
 
 void check_extent(hid_t dataset, const std::vector<hsize_t>& shape, const std::string& where) {
   const Hdf5Properties creation(H5Dget_create_plist(dataset));
-  if (H5Pget_layout(creation.get()) == H5D_VIRTUAL || H5Pget_external_count(creation.get()) != 0) return;
+  if (H5Pget_layout(creation.get()) == H5D_VIRTUAL || H5Pget_external_count(creation.get()) != 0) {
+    if (files_are_confined())
+      throw InputError(where + " keeps its data in other files; store the data themselves");
+    return;
+  }
   constexpr double best_compression = 2000.0;  // deflate: 1032
   hsize_t file_bytes = 0;
   H5Fget_filesize(Hdf5Object(H5Iget_file_id(dataset)).get(), &file_bytes);

@@ -118,7 +118,7 @@ SparseEntries read_sparse(hid_t group, const std::string& path, const std::strin
     throw InputError(where + ": the attribute shape is (" + std::to_string(shape[0]) + ", " +
                      std::to_string(shape[1]) + "); expected 1 to 2147483647 rows and columns");
 
-  const auto part = [&](const char* what) { return Hdf5Object(H5Oopen(group, what, H5P_DEFAULT)); };
+  const auto part = [&](const char* what) { return open_hdf5_object(group, path, what); };
   SparseEntries matrix{shape[0], shape[1], {}, {}, {}};
   matrix.row_starts = read_column<std::int64_t>(part("indptr").get(), below + "indptr", H5T_NATIVE_INT64);
   matrix.columns = read_column<std::int64_t>(part("indices").get(), below + "indices", H5T_NATIVE_INT64);

@@ -113,7 +113,8 @@ OutputSpec read_output(const TomlValue& table, const std::string& scene, const C
                   checkpoint = table["checkpoint"];
   table.refuse_unknown();
   OutputSpec output;
-  output.file = file ? file.path() : std::filesystem::path(scene).stem().string() + ".h5";
+  if (file && file.string().empty()) file.fail("= \"\"; expected the name of a file");
+  output.file = file ? file.target() : std::filesystem::path(scene).stem().string() + ".h5";
   if (every) output.every = every.integer();
   if (output.every < 1) every.fail(fmt::format("= {}; expected at least 1", output.every));
   output.checkpoint = checkpoint.number_or(output.checkpoint);

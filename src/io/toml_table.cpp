@@ -14,6 +14,7 @@
 #include <tuple>
 
 #include "io/checksum.hpp"
+#include "io/confinement.hpp"
 #include "io/toml_library.hpp"
 #include "sweepvi/error.hpp"
 
@@ -303,6 +304,17 @@ std::string TomlValue::string() const {
 std::string TomlValue::path() const {
   std::string path = string();
   if (path.empty()) fail("= \"\"; expected the name of a file");
+  if (files_are_confined()) {
+    const std::optional<std::string> file = confined_file(path);
+    if (!file)
+      fail(fmt::format("= \"{}\" is no file that came with the document; hand it in, too", shortened(path)));
+    return *file;
+  }
+  return target();
+}
+
+std::string TomlValue::target() const {
+  const std::string path = string();
   if (overridden()) return path;
   return (std::filesystem::path(document_->file).parent_path() / path).string();
 }
@@ -361,7 +373,9 @@ std::map<std::string, std::string> TomlValue::flattened() const {
     return result;
   }
   std::error_code failure;
-  if (node.is_string() && !string().empty() && std::filesystem::is_regular_file(path(), failure)) {
+  const bool may_be_file =
+      node.is_string() && !string().empty() && (!files_are_confined() || confined_file(string()));
+  if (may_be_file && std::filesystem::is_regular_file(path(), failure)) {
     std::ifstream file(path(), std::ios::binary);
     std::stringstream bytes;
     bytes << file.rdbuf();

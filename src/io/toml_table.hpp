@@ -58,7 +58,10 @@ public:
   std::string string() const;
   std::string string_or(const std::string& otherwise) const { return *this ? string() : otherwise; }
   /// A path seen from the working directory: names in a document start at its folder, `--set` at ours.
+  /// @throws Error (bad_input) if files are confined and it is not on the list
   std::string path() const;
+  /// The same for a file to be written; no list is asked.
+  std::string target() const;
   /// One of `built`, or `built.front()` if absent and `optional`.
   std::string choice(const std::vector<std::string>& built, bool optional) const;
 

@@ -1,0 +1,34 @@
+#include <fmt/format.h>
+
+#include <nlohmann/json.hpp>
+
+#include "app/allowed_options.hpp"
+#include "app/verbs.hpp"
+#include "io/confinement.hpp"
+#include "io/toml_table.hpp"
+
+namespace sweepvi::app {
+
+void confine(MPI_Comm comm, const CommandLine& line) {
+  if (!line.confine) return;
+  const std::string text = read_shared_text(comm, *line.confine);
+  std::map<std::string, std::string> files;
+  try {
+    files = nlohmann::json::parse(text).get<std::map<std::string, std::string>>();
+  } catch (const nlohmann::json::exception&) {
+    throw InputError(fmt::format(
+        "{} is no list of files; expected a JSON object of names and paths, as in {{\"M.mtx\": \"0\"}}",
+        *line.confine));
+  }
+  confine_files(std::move(files));
+  const std::string refused = why_refused(line.petsc_words);
+  if (!refused.empty()) throw InputError(refused);
+}
+
+void check_options_allowed(const std::string& where, const std::string& options) {
+  if (!files_are_confined()) return;
+  const std::string refused = why_refused(options);
+  if (!refused.empty()) throw InputError(fmt::format("{}: {}", where, refused));
+}
+
+}  // namespace sweepvi::app

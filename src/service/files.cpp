@@ -1,0 +1,128 @@
+#include "service/files.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <ctime>
+#include <fstream>
+#include <sstream>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+namespace sweepvi::service {
+
+namespace fs = std::filesystem;
+
+Descriptor::Descriptor(Descriptor&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
+
+Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
+  Descriptor taken(std::move(other));
+  std::swap(number_, taken.number_);
+  return *this;
+}
+
+Descriptor::~Descriptor() {
+  close();
+}
+
+void Descriptor::close() {
+  if (number_ >= 0) ::close(number_);
+  number_ = -1;
+}
+
+std::optional<std::string> read_file(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return std::nullopt;
+  std::stringstream text;
+  text << file.rdbuf();
+  return std::move(text).str();
+}
+
+std::string read_tail(const fs::path& path, std::size_t bytes) {
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  if (!file) return {};
+  const std::streamoff size = file.tellg();
+  file.seekg(size - std::min(size, static_cast<std::streamoff>(bytes)));
+  std::stringstream text;
+  text << file.rdbuf();
+  return std::move(text).str();
+}
+
+void write_file(const fs::path& path, const std::string& text) {
+  const auto fail = [&] { throw std::system_error(errno, std::generic_category(), path.string()); };
+  const std::string temporary = path.string() + ".new";
+  Descriptor file(open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
+  if (!file) fail();
+  for (std::size_t done = 0; done < text.size();) {
+    const ssize_t written = write(file.get(), text.data() + done, text.size() - done);
+    if (written < 0 && errno != EINTR) fail();
+    if (written > 0) done += static_cast<std::size_t>(written);
+  }
+  if (fsync(file.get()) != 0) fail();
+  file.close();
+  if (rename(temporary.c_str(), path.c_str()) != 0) fail();
+}
+
+std::int64_t size_below(const fs::path& folder) {
+  std::int64_t bytes = 0;
+  std::error_code failure;
+  // Files come and go while a run lasts: what cannot be asked is not there any more.
+  for (fs::recursive_directory_iterator at(folder, failure), end; at != end; at.increment(failure)) {
+    std::error_code gone;
+    if (!at->is_regular_file(gone)) continue;
+    const std::uintmax_t size = at->file_size(gone);
+    if (!gone) bytes += static_cast<std::int64_t>(size);
+  }
+  return bytes;
+}
+
+void end_processes_with(const std::string& name, const std::string& value) {
+  std::string mark = name + "=" + value;
+  mark.push_back('\0');
+  std::error_code failure;
+  for (int round = 0; round < 20; ++round) {
+    bool found = false;
+    for (const fs::directory_entry& entry : fs::directory_iterator("/proc", failure)) {
+      const int pid = static_cast<int>(std::strtol(entry.path().filename().c_str(), nullptr, 10));
+      if (pid <= 1 || pid == getpid()) continue;
+      const std::optional<std::string> environment = read_file(entry.path() / "environ");
+      if (!environment || environment->find(mark) == std::string::npos) continue;
+      found = true;
+      kill(pid, SIGKILL);
+    }
+    if (!found) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+}
+
+double now() {
+  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+double ticks() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+std::string utc(double time) {
+  const auto milliseconds = static_cast<std::int64_t>(std::floor(time * 1000.0));
+  const auto seconds = static_cast<std::time_t>(milliseconds / 1000);
+  std::tm fields{};
+  gmtime_r(&seconds, &fields);
+  std::array<char, 32> text{};
+  const std::size_t length = std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &fields);
+  return fmt::format("{}.{:03}Z", std::string_view(text.data(), length), milliseconds % 1000);
+}
+
+fs::path own_path() {
+  return fs::read_symlink("/proc/self/exe");
+}
+
+}  // namespace sweepvi::service

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+namespace sweepvi::service {
+
+/// An open file of the system, closed with it.
+class Descriptor {
+public:
+  explicit Descriptor(int number = -1) : number_(number) {}
+  Descriptor(Descriptor&& other) noexcept;
+  Descriptor& operator=(Descriptor&& other) noexcept;
+  ~Descriptor();
+  explicit operator bool() const { return number_ >= 0; }
+  int get() const { return number_; }
+  void close();
+
+private:
+  int number_;
+};
+
+/// The whole file; nothing if there is none.
+std::optional<std::string> read_file(const std::filesystem::path& path);
+/// At most its last `bytes`.
+std::string read_tail(const std::filesystem::path& path, std::size_t bytes);
+/// The file has this text or what it had before, whatever happens meanwhile.
+/// @throws std::system_error
+void write_file(const std::filesystem::path& path, const std::string& text);
+
+/// Bytes of all files below a folder; 0 if there is none.
+std::int64_t size_below(const std::filesystem::path& folder);
+
+/// Ends every process, but for this one, that began with NAME=value in its environment, and waits until they
+/// are gone (for a second at most).
+void end_processes_with(const std::string& name, const std::string& value);
+
+/// Seconds since 1970, UTC.
+double now();
+/// Seconds since whenever, by a clock that nobody sets: for what lasts.
+double ticks();
+/// As in 2026-01-31T12:00:00.125Z.
+std::string utc(double time);
+
+/// Where this program is.
+std::filesystem::path own_path();
+
+}  // namespace sweepvi::service

@@ -1,0 +1,243 @@
+# ranks: 2
+# labels: no-sanitize
+# timeout: 240
+"""Stopping, going on, failures of runs, and a daemon that is killed."""
+
+import signal
+import sqlite3
+import sys
+import time
+import unittest
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import daemon
+import going_on
+import program
+from daemon import BALL, LONG
+from service_test import InService
+
+# Two seconds on an idle machine: time enough to stop it.
+SHORT = LONG.replace("end = 2000.0", "end = 1500.0").replace("count = 30", "count = 60").replace("every = 50", "every = 500")
+
+
+class Stopping(InService):
+    def undisturbed(self, scene, *words, ranks=1):
+        (self.folder / "whole.toml").write_text(scene)
+        name = f"whole{ranks}.h5"
+        outcome = program.run("run", "whole.toml", "-o", name, *words, ranks=ranks, cwd=self.folder, timeout=60)
+        self.assertEqual(outcome.code, 0, outcome)
+        return self.folder / name
+
+    def cancelled(self, number, timeout=20):
+        answer = self.daemon.ask("POST", f"/v1/jobs/{number}/cancel")
+        self.assertEqual(answer.status, 202, answer.body)
+        return self.daemon.wait(number, timeout=timeout)
+
+    def resumed(self, number, body=None):
+        answer = self.daemon.ask("POST", f"/v1/jobs/{number}/resume", body)
+        self.assertEqual(answer.status, 202, answer.body)
+
+    def test_cancel_while_running_and_resume(self):
+        for ranks in (1, 2):
+            with self.subTest(ranks=ranks):
+                scene = SHORT if ranks == 1 else SHORT.replace("end = 1500.0", "end = 150.0")  # waiting for each other takes time
+                whole = self.undisturbed(scene, ranks=ranks)
+                number = self.accepted(self.daemon.submit(scene, ranks=ranks))
+                self.daemon.wait_for_progress(number)
+                job = self.cancelled(number)
+                self.assertEqual((job["state"], job["exit"], job["checkpoint"]), ("cancelled", 4, True), job)
+                self.assertIn("stopped by SIGUSR1 after step", job["message"])
+                self.assertLess(job["progress"]["step"], job["progress"]["steps"])
+                self.resumed(number)
+                job = self.daemon.wait(number)
+                self.assertEqual((job["state"], job["attempt"]), ("done", 2), job)
+                result = self.daemon.fetch(number, self.folder / "parts.h5")
+                self.assertEqual(going_on.same_bits(whole, result), [])
+
+    moments = (0.0, 0.1, 0.3)
+
+    def test_cancel_at_any_moment_of_the_start(self):
+        whole = self.undisturbed(BALL)
+        for delay in self.moments:
+            number = self.accepted(self.daemon.submit(BALL))
+            time.sleep(delay)
+            answer = self.daemon.ask("POST", f"/v1/jobs/{number}/cancel")
+            self.assertIn(answer.status, (202, 409))
+            job = self.daemon.wait(number)
+            self.assertIn(job["state"], ("cancelled", "done"), job)
+            if job["state"] == "cancelled":
+                self.resumed(number)
+                self.assertEqual(self.daemon.wait(number)["state"], "done")
+            self.assertEqual(going_on.same_bits(whole, self.daemon.fetch(number, self.folder / "r.h5")), [], delay)
+
+    def test_cancel_while_it_waits(self):
+        first = self.accepted(self.daemon.submit(LONG, ranks=2))
+        second = self.accepted(self.daemon.submit(BALL, ranks=2))
+        answer = self.daemon.ask("POST", f"/v1/jobs/{second}/cancel").json
+        self.assertEqual((answer["state"], answer["attempt"]), ("cancelled", 0))
+        self.refused(self.daemon.ask("POST", f"/v1/jobs/{second}/cancel"), 409, "nothing to cancel")
+        self.refused(self.daemon.ask("DELETE", f"/v1/jobs/{first}"), 409, "cancel it first")
+        self.cancelled(first)
+        self.resumed(second)
+        self.assertEqual(self.daemon.wait(second)["state"], "done")
+
+    def test_cancel_while_it_writes(self):
+        # Every step is a row of 20000 numbers, and a checkpoint comes whenever there is time for one.
+        scene = SHORT.replace("every = 500", "every = 1\ncheckpoint = 0.001").replace("count = 60", "count = 4000")
+        scene = scene.replace("end = 1500.0", "end = 0.8")
+        whole = self.undisturbed(scene, "--set", "output.checkpoint=0")
+        number = self.accepted(self.daemon.submit(scene))
+        self.daemon.wait_for_progress(number)
+        job = self.cancelled(number)
+        self.assertEqual(job["state"], "cancelled", job)
+        self.resumed(number)
+        self.assertEqual(self.daemon.wait(number)["state"], "done")
+        self.assertEqual(going_on.same_bits(whole, self.daemon.fetch(number, self.folder / "r.h5")), [])
+
+    def test_a_run_that_does_not_listen_is_killed(self):
+        self.daemon.kill()
+        self.daemon.grace = 0.5
+        self.daemon.start()
+        number = self.accepted(self.daemon.submit(LONG))
+        self.daemon.wait_for_progress(number)
+        self.assertEqual(daemon.signal_ranks(self.daemon.data, signal.SIGSTOP), 1)
+        begin = time.monotonic()
+        job = self.cancelled(number)
+        self.assertEqual(job["state"], "cancelled", job)
+        self.assertLess(time.monotonic() - begin, 8)
+        self.assertEqual(daemon.processes_of(self.daemon.data), [])
+
+    def test_order_by_priority_then_age(self):
+        blocker = self.accepted(self.daemon.submit(LONG, ranks=2))
+        numbers = [self.accepted(self.daemon.submit(BALL, ranks=2, priority=p)) for p in (0, -1, 5)]
+        self.cancelled(blocker)
+        jobs = [self.daemon.wait(number) for number in numbers]
+        order = sorted(range(3), key=lambda i: jobs[i]["started"])
+        self.assertEqual(order, [2, 0, 1])
+
+    def test_time_limits(self):
+        number = self.accepted(self.daemon.submit(LONG, wall_limit=0.5))
+        job = self.daemon.wait(number)
+        self.assertEqual((job["state"], job["exit"], job["checkpoint"]), ("interrupted", 4, True), job)
+        self.assertIn("stopped by --wall-limit 0.5", job["message"])
+        study = self.accepted(self.daemon.submit(LONG, verb="study", steps=[1e-3], repeats=1, wall_limit=1.0))
+        self.assertIn("limit of time", self.daemon.wait(study)["message"])
+
+
+class Failures(InService):
+    words = ("--max-job-disk", "8M", "--max-memory", "4G")
+
+    def test_a_solver_that_crashes(self):
+        number = self.accepted(self.daemon.submit(LONG, set=["output.every=100000"]))
+        for death, word in ((signal.SIGSEGV, "11"), (signal.SIGKILL, "9")):
+            self.daemon.wait_for_progress(number)
+            time.sleep(0.3)
+            self.assertEqual(daemon.signal_ranks(self.daemon.data, death), 1)
+            job = self.daemon.wait(number)
+            self.assertEqual(job["state"], "failed", job)
+            self.assertIn(word, job["message"], job)
+            self.assertEqual(self.daemon.ask("GET", "/healthz").json["running"], 0)
+            (self.daemon.data / f"jobs/{number}/progress").unlink()
+            self.daemon.ask("POST", f"/v1/jobs/{number}/resume")
+
+    def test_out_of_memory(self):
+        # Enough to begin with, and not for what it needs.
+        scene = LONG.replace("count = 30", "count = 200000").replace("every = 50", "every = 1")
+        number = self.accepted(self.daemon.submit(scene, memory=700 << 20))
+        job = self.daemon.wait(number)
+        self.assertEqual(job["state"], "failed", job)
+        self.assertRegex(job["message"].lower(), "memory|bad_alloc|alloc", job)
+        self.refused(self.daemon.submit(BALL, memory=5 << 30), 400, "memory")
+        number = self.accepted(self.daemon.submit())
+        self.assertEqual(self.daemon.wait(number)["state"], "done")
+
+    def test_out_of_disk(self):
+        scene = LONG.replace("every = 50", "every = 1").replace("count = 30", "count = 300")
+        number = self.accepted(self.daemon.submit(scene))
+        job = self.daemon.wait(number)
+        self.assertEqual(job["state"], "failed", job)
+        self.assertRegex(job["message"], "disk|too large", job)
+        number = self.accepted(self.daemon.submit())
+        self.assertEqual(self.daemon.wait(number)["state"], "done")
+
+    def test_what_cannot_be_solved(self):
+        squeeze = """[time]
+end = 1.0
+step = 0.1
+[model]
+kind = "sweeping"
+u0 = [0.0]
+G = [[1], [-1]]
+g = [-1, {offset = -1, amplitude = 2.5, frequency = 0.25}]
+"""
+        number = self.accepted(self.daemon.submit(squeeze))
+        job = self.daemon.wait(number)
+        self.assertEqual((job["state"], job["exit"]), ("failed", 3), job)
+        self.assertIn("step 6", job["message"])
+        self.assertEqual(self.daemon.ask("GET", f"/v1/jobs/{number}/result").status, 200)
+
+
+class Killed(InService):
+    def test_running_jobs_are_found_again(self):
+        number = self.accepted(self.daemon.submit(SHORT))
+        waiting = self.accepted(self.daemon.submit(BALL, ranks=2, key="waits"))
+        self.daemon.wait_for_progress(number)
+        self.daemon.kill()
+        self.assertNotEqual(daemon.processes_of(self.daemon.data), [], "the run died with the daemon")
+        self.daemon.start()
+        self.assertEqual(self.daemon.submit(BALL, ranks=2, key="waits").json["id"], waiting)
+        for one in (number, waiting):
+            job = self.daemon.wait(one)
+            self.assertEqual((job["state"], job["attempt"]), ("done", 1), job)
+
+    def test_a_run_that_ends_without_a_daemon(self):
+        number = self.accepted(self.daemon.submit())
+        while not (self.daemon.data / f"jobs/{number}/attempt-1/claim").exists():
+            time.sleep(0.005)
+        self.daemon.kill()
+        time.sleep(2.0)
+        self.daemon.start()
+        job = self.daemon.wait(number, timeout=5)
+        self.assertEqual((job["state"], job["attempt"]), ("done", 1), job)
+
+    def test_runs_whose_supervisor_is_gone_are_interrupted(self):
+        number = self.accepted(self.daemon.submit(SHORT, set=["output.checkpoint=0.01"]))
+        self.daemon.wait_for_progress(number)
+        self.daemon.kill()
+        for process in Path("/proc").iterdir():
+            try:
+                words = (process / "cmdline").read_bytes().split(b"\0")
+            except OSError:
+                continue
+            if b"supervise" in words and str(self.daemon.data).encode() in words[-2]:
+                daemon.os.kill(int(process.name), signal.SIGKILL)
+        self.daemon.start()
+        job = self.daemon.wait(number)
+        self.assertEqual((job["state"], job["checkpoint"]), ("interrupted", True), job)
+        self.assertEqual(daemon.processes_of(self.daemon.data), [])
+        scratch = self.daemon.data / f"jobs/{number}/attempt-1/scratch"
+        self.assertTrue(scratch.is_symlink() and not scratch.exists(), "MPI's files are left behind")
+        self.assertEqual(self.daemon.ask("POST", f"/v1/jobs/{number}/resume").status, 202)
+        self.assertEqual(self.daemon.wait(number)["state"], "done")
+
+    def test_started_but_never_launched(self):
+        # As if killed between the two: the queue says that it runs, and nobody ever began.
+        number = self.accepted(self.daemon.submit())
+        self.daemon.wait(number)
+        self.daemon.kill()
+        with sqlite3.connect(self.daemon.data / "queue.db") as queue:
+            queue.execute("UPDATE jobs SET state = 'running', attempt = 2 WHERE id = ?", (number,))
+        queue.close()
+        self.daemon.start()
+        job = self.daemon.wait(number)
+        self.assertEqual((job["state"], job["attempt"]), ("done", 3), job)
+
+    def test_one_daemon_for_one_folder(self):
+        outcome = program.run("serve", "--data", self.daemon.data, "--listen", "127.0.0.1:0")
+        self.assertEqual(outcome.code, 2, outcome)
+        self.assertIn("another daemon works here", outcome.err)
+
+
+if __name__ == "__main__":
+    unittest.main()
