@@ -79,7 +79,8 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
                             : counts.predictor));
   print_row("Jacobian nonzeros",
             fmt::format("{} ({:.3g} per unknown)", counts.jacobian_nonzeros, nonzeros / unknowns));
-  if (ranks > 1) row("edge cut", fmt::format("{} couplings between {} ranks", model->edge_cut(), ranks));
+  if (ranks > 1)
+    print_row("edge cut", fmt::format("{} couplings between {} ranks", model->edge_cut(), ranks));
   const Memory memory = available_memory();
   print_row("memory estimate",
             fmt::format("{} over all ranks; {} {}", memory_text(estimated_memory(ranks, unknowns, nonzeros)),
