@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <map>
 #include <span>
@@ -70,6 +71,7 @@ void BlockSweeps::forget_blocks() {
   read_ = {};
   inverses_ = {};
   active_ = {};
+  bounded_ = {};
 }
 
 void BlockSweeps::find_scalars() {
@@ -157,6 +159,7 @@ bool BlockSweeps::find_blocks(const AffineRows& rows, const std::vector<PetscInt
   read_.resize(reading_rows);
   inverses_.resize(blocks_.size());
   active_.assign(blocks_.size(), 0);
+  bounded_.assign(blocks_.size(), 0);
   return true;
 }
 
@@ -217,9 +220,10 @@ bool BlockSweeps::first_sweep(const double* guess, double* u, const double* b, c
   each_block([&](std::size_t e, const Block& block, SmallBox& box, PetscInt first, std::size_t reading_row) {
     if (!found) return;
     const int size = box.size();
-    SmallBox::Mask active = 0;
+    SmallBox::Mask active = 0, bounded = 0;
     for (int i = 0; i < size; ++i) {
       right[static_cast<std::size_t>(i)] = b[first + i];
+      if (lower[first + i] > PETSC_NINFINITY || upper[first + i] < PETSC_INFINITY) bounded |= 1U << i;
       if (guess[first + i] <= lower[first + i] || guess[first + i] >= upper[first + i]) active |= 1U << i;
     }
     double* read = read_.data() + reading_row;
@@ -237,17 +241,21 @@ bool BlockSweeps::first_sweep(const double* guess, double* u, const double* b, c
     inverses_[e] =
         box.solve(right.data(), lower + first, upper + first, slack_, guess + first, u + first, active);
     active_[e] = active;
+    bounded_[e] = bounded;
     found = inverses_[e] != nullptr;
   });
   return found;
 }
 
-// With the sets of the first sweep: u changes by the inverse times the change of what is read. Returns the
-// largest such change over its terms.
-double BlockSweeps::next_sweep(double* u, const double* b, const double* others) {
+// With the sets there are: u changes by the inverse times the change of what is read. Calls after(block, box,
+// first unknown, what its reading rows read) where there was one. Returns the largest over the terms of its
+// row.
+template <class After>
+double BlockSweeps::carry_on(double* u, const double* b, const double* others, After&& after) {
   double change = 0.0;
   each_block([&](std::size_t e, const Block& block, SmallBox& box, PetscInt first, std::size_t reading_row) {
     double* read = read_.data() + reading_row;
+    bool changed = false;
     each_reading_row(block, [&](int row, std::span<const Entry> entries) {
       double sum = 0.0;
       double terms = std::abs(b[first + row]);
@@ -259,13 +267,69 @@ double BlockSweeps::next_sweep(double* u, const double* b, const double* others)
       }
       const double by = sum - *read;
       *read++ = sum;
-      if (by == 0.0 || (active_[e] >> row & 1U) != 0) return;
+      if (by == 0.0) return;
+      changed = true;
+      if ((active_[e] >> row & 1U) != 0) return;
       if (std::abs(by) > change * terms) change = std::abs(by) / terms;
       add_column(box.size(), inverses_[e] + static_cast<std::ptrdiff_t>(row) * box.stride(), -by, u + first);
     });
+    if (changed) after(e, box, first, read_.data() + reading_row);
   });
-  MPI_Allreduce(MPI_IN_PLACE, &change, 1, MPI_DOUBLE, MPI_MAX, comm_);
   return change;
+}
+
+double BlockSweeps::next_sweep(double* u, const double* b, const double* others) {
+  return carry_on(u, b, others, [](std::size_t, const SmallBox&, PetscInt, const double*) {});
+}
+
+// What is left of b for a block by what it reads.
+void BlockSweeps::find_right(const Block& block, const SmallBox& box, const double* b, const double* read,
+                             double* right) const {
+  std::copy_n(b, box.size(), right);
+  each_reading_row(block, [&](int row, std::span<const Entry>) { right[row] -= *read++; });
+}
+
+// Whether the set of a block still is that of a solution, but for rounding.
+bool BlockSweeps::set_holds(const SmallBox& box, std::size_t block, const double* right, const double* lower,
+                            const double* upper, const double* u) const {
+  for (SmallBox::Mask rest = bounded_[block]; rest != 0; rest &= rest - 1) {
+    const int i = std::countr_zero(rest);
+    if ((active_[block] >> i & 1U) == 0) {
+      if (u[i] < lower[i] || u[i] > upper[i]) return false;
+      continue;
+    }
+    if (lower[i] == upper[i]) continue;
+    const double* row = box.matrix().data() + static_cast<std::ptrdiff_t>(i) * box.size();
+    double f = -right[i], terms = std::abs(right[i]);
+    for (int j = 0; j < box.size(); ++j) {
+      f += row[j] * u[j];
+      terms += std::abs(row[j] * u[j]);
+    }
+    if ((u[i] == lower[i] ? -f : f) > held_rtol * terms) return false;
+  }
+  return true;
+}
+
+// The same, and blocks whose set does not fit any more are solved again: neighbours were not yet where they
+// are now.
+double BlockSweeps::sweep_and_check(double* u, const double* b, const double* lower, const double* upper,
+                                    const double* others) {
+  std::array<double, SmallBox::largest> right;  // NOLINT: filled as far as it is read
+  bool switched = false;
+  const double change =
+      carry_on(u, b, others, [&](std::size_t e, SmallBox& box, PetscInt first, const double* read) {
+        if (bounded_[e] == 0) return;
+        find_right(blocks_[e], box, b + first, read, right.data());
+        if (set_holds(box, e, right.data(), lower + first, upper + first, u + first)) return;
+        SmallBox::Mask active = active_[e];
+        const double* inverse =
+            box.solve(right.data(), lower + first, upper + first, slack_, u + first, u + first, active);
+        if (inverse == nullptr) return;  // the certificate will tell
+        inverses_[e] = inverse;
+        active_[e] = active;
+        switched = true;
+      });
+  return switched ? std::max(change, 1.0) : change;  // others read what switched
 }
 
 void BlockSweeps::refine(Vec u, Vec f) {
@@ -342,7 +406,11 @@ bool BlockSweeps::solve(Vec guess, Vec u, Vec b, Vec lower, Vec upper) {
   for (int sweep = 1; sweep < most_sweeps; ++sweep) {
     const double* others = rows_.ghosts(u);
     const WriteArray x(u);
-    const double change = next_sweep(x.data(), right.data(), others);
+    const ReadArray l(lower);
+    const ReadArray h(upper);
+    double change = sweep == 1 ? sweep_and_check(x.data(), right.data(), l.data(), h.data(), others)
+                               : next_sweep(x.data(), right.data(), others);
+    MPI_Allreduce(MPI_IN_PLACE, &change, 1, MPI_DOUBLE, MPI_MAX, comm_);
     // The next one would change that much times the contraction.
     if (change * rate_ <= settled) break;
   }

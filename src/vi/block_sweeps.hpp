@@ -63,6 +63,14 @@ private:
   bool first_sweep(const double* guess, double* u, const double* b, const double* lower, const double* upper,
                    const double* others);
   double next_sweep(double* u, const double* b, const double* others);
+  double sweep_and_check(double* u, const double* b, const double* lower, const double* upper,
+                         const double* others);
+  template <class After>
+  double carry_on(double* u, const double* b, const double* others, After&& after);
+  bool set_holds(const SmallBox& box, std::size_t block, const double* right, const double* lower,
+                 const double* upper, const double* u) const;
+  void find_right(const Block& block, const SmallBox& box, const double* b, const double* read,
+                  double* right) const;
   template <class Visit>
   void each_block(Visit&& visit);
   template <class Visit>
@@ -83,7 +91,7 @@ private:
   std::vector<Entry> entries_;
   std::vector<double> read_;             // by each reading row of each block
   std::vector<const double*> inverses_;  // of each block's set
-  std::vector<SmallBox::Mask> active_;
+  std::vector<SmallBox::Mask> active_, bounded_;
 };
 
 }  // namespace sweepvi
