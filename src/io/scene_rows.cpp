@@ -37,6 +37,7 @@ std::vector<int> SceneRows::degrees() const {
 
 std::vector<double> SceneRows::w() const {
   std::vector<double> result;
+  result.reserve(rows_.size());
   for (const Row& row : rows_) {
     const double w = dvi_.w()[row.constraint];
     result.push_back(row.mirrored() ? row.output_scale * (wmax_[row.constraint] - w) : w);
@@ -48,6 +49,7 @@ std::vector<double> SceneRows::z() const {
   const std::vector<double>& z = dvi_.z();
   std::vector<double> result;
   if (z.empty()) return result;
+  result.reserve(z.size());
   for (const Row& row : rows_) {
     const PetscInt first = relative_degree_.first_level[row.constraint];
     for (int i = 1; i <= relative_degree_.degree[row.constraint]; ++i) {
@@ -62,6 +64,7 @@ std::vector<double> SceneRows::z() const {
 // r* of a row is 1 while the constraint stands at the other wall.
 std::vector<double> SceneRows::level() const {
   std::vector<double> result;
+  result.reserve(rows_.size());
   for (const Row& row : rows_) {
     const int level = dvi_.level()[row.constraint];
     const Side side = dvi_.side()[row.constraint];
