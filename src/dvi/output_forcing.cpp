@@ -60,7 +60,7 @@ void OutputForcing::find_seen() {
 }
 
 // image_ = Z f_, on level r only where that is not local_. f_ is 0 but where the forcing is.
-void OutputForcing::apply_Z() {
+void OutputForcing::map_to_outputs() {
   if (!local_) {
     check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
     return;
@@ -79,7 +79,7 @@ void OutputForcing::apply_Z() {
 void OutputForcing::find_image(double t, int order) {
   system_.f.clear(f_.get());
   system_.f.add_to(f_.get(), t, order, 1.0);
-  apply_Z();
+  map_to_outputs();
 }
 
 void OutputForcing::evaluate(double t, Vec g) {
@@ -122,7 +122,7 @@ void OutputForcing::increment_defect(const Step& step, double theta, Vec g_old, 
   system_.f.clear(f_.get());
   system_.f.add_to(f_.get(), step.t_new, 0, theta);
   if (theta != 1.0) system_.f.add_to(f_.get(), step.t_old, 0, 1.0 - theta);
-  apply_Z();
+  map_to_outputs();
   const ReadArray image(image_.get());
   const ReadArray before(g_old);
   const ReadArray after(g_new);

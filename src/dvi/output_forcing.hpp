@@ -32,7 +32,7 @@ public:
 private:
   void find_seen();
   void find_image(double t, int order);
-  void apply_Z();
+  void map_to_outputs();
 
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;

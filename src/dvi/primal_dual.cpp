@@ -178,7 +178,9 @@ void PrimalDual::assemble(const Blocks& blocks) {
   for (std::size_t a = 0; a < levels_.constraints(); ++a)
     for (int i = 1; i <= levels_.levels(a); ++i)
       level_of_unknown_.push_back(i);
-  level_of_unknown_.resize(static_cast<std::size_t>(states.size() + multipliers.size()), 1);  // upper walls
+  level_of_unknown_.resize(
+      static_cast<std::size_t>(states.size()) + static_cast<std::size_t>(multipliers.size()),
+      1);  // upper walls
 }
 
 // How measures along the d_{b,j} reach the outputs of other constraints: Z D without its unit diagonal, rows

@@ -125,7 +125,7 @@ bool BlockSweeps::find_blocks(const AffineRows& rows, const std::vector<PetscInt
       ++end;
     const auto size = static_cast<int>(end - first);
     if (size > SmallBox::largest) return false;
-    matrix.assign(static_cast<std::size_t>(size * size), 0.0);
+    matrix.assign(static_cast<std::size_t>(size) * static_cast<std::size_t>(size), 0.0);
     read.clear();
     for (PetscInt i = first; i < end; ++i) {
       const auto row = static_cast<std::size_t>(i);

@@ -200,7 +200,6 @@ bool PathSweeps::find_paths(Phase& phase, Mat tridiagonal) {
         row.value[neighbours++] = value;
       } else if (value != 0.0) {
         row.diagonal = 0.0;
-        neighbours = 3;
         break;
       }
     }

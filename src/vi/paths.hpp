@@ -9,8 +9,8 @@ namespace sweepvi {
 
 /// What a multiplier's row of the tridiagonal matrix holds, as ranks send it to rank 0.
 struct PathRow {
-  double number;    // of the unknown
-  double diagonal;  // 0: the row does not fit
+  double number = 0.0;    // of the unknown
+  double diagonal = 0.0;  // 0: the row does not fit
   std::array<double, 2> neighbour{-1.0, -1.0}, value{0.0, 0.0};
 };
 

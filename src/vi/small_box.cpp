@@ -92,6 +92,7 @@ const double* SmallBox::inverse_of(Mask active) {
 template <int Fixed>
 class SmallBox::Attempt {
 public:
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-member-init): filled as far as they are read
   Attempt(SmallBox& box, const double* right, const double* lower, const double* upper, double slack,
           const double* guess, double* u)
       : box_(box), right_(right), lower_(lower), upper_(upper), slack_(slack), u_(u) {
@@ -237,8 +238,10 @@ private:
 };
 
 template <int Fixed>
-const double* SmallBox::solve_sized(const double* right, const double* lower, const double* upper,
-                                    double slack, const double* guess, double* u, Mask& active) {
+const double* SmallBox::solve_sized(
+    const double* right, const double* lower, const double* upper, double slack, const double* guess,
+    double* u,  // NOLINT(readability-non-const-parameter): the attempt writes it
+    Mask& active) {
   return Attempt<Fixed>(*this, right, lower, upper, slack, guess, u).solve(active);
 }
 
