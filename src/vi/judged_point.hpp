@@ -16,7 +16,7 @@ public:
   /// `point` was judged, and f is F there. @param inside  the point is within its bounds, on all ranks
   void set(Vec point, Vec f, double ratio, bool inside);
   /// SNESVI is about to begin: it writes its start u once, to project it on the box.
-  void expect_projection() { projection_ = inside_; }
+  void expect_projection(Vec u) { projection_ = inside_ && u == twin_.vector && twin_.untouched(); }
   /// Whether u has the numbers of the point, and f is still F there. @note Collective.
   bool is(Vec u);
 

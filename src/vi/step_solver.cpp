@@ -366,7 +366,7 @@ PetscInt StepSolver::attempt_snes(Rung rung, std::string& reason) {
   if (sigma_ != 1.0) check(VecScale(u_.get(), sigma_));
   // A semismooth solve that broke off leaves its own function in place of ours.
   check(SNESSetFunction(snes, function_, form_function, this));
-  judged_->expect_projection();
+  judged_->expect_projection(u_.get());
   const PetscErrorCode code = SNESSolve(snes, nullptr, u_.get());
   check(code, parked_);
   if (sigma_ != 1.0) check(VecScale(u_.get(), 1.0 / sigma_));
