@@ -14,7 +14,7 @@ import daemon
 import going_on
 import program
 
-SCENE = daemon.LONG.replace("end = 2000.0", "end = 400.0").replace("count = 30", "count = 60")
+SCENE = daemon.LONG.replace("count = 30", "count = 60")  # must outlast a job that is cancelled while it waits
 
 
 def slurm(*words):
