@@ -8,6 +8,7 @@
 
 #include "app/verbs.hpp"
 #include "io/toml_table.hpp"
+#include "petsc/event_counts.hpp"
 #include "sweepvi/petsc.hpp"
 
 namespace sweepvi::app {
@@ -76,6 +77,7 @@ void insert_scene_options(const CommandLine& line, const std::string& options, b
     check_options(PetscOptionsInsertString(nullptr, options.c_str()));
     insert_words(line.petsc_words);
   }
+  count_events();
 }
 
 namespace {

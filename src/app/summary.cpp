@@ -9,20 +9,12 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "petsc/event_counts.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi::app {
 
 namespace {
-
-std::int64_t event_count(const char* name) {
-  PetscLogEvent event = -1;
-  check(PetscLogEventGetId(name, &event));
-  if (event < 0) return 0;
-  PetscEventPerfInfo info;
-  check(PetscLogEventGetPerfInfo(PETSC_DETERMINE, event, &info));
-  return info.count;
-}
 
 // JSON has no infinity; a run without steps has no ratio.
 nlohmann::json number(double value) {

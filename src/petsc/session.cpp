@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "petsc/event_counts.hpp"
 #include "sweepvi/petsc.hpp"
 
 namespace sweepvi {
@@ -92,7 +93,7 @@ void initialise(int argc, char** argv) {
   }
   check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr));
   check(PetscPopSignalHandler());  // or PetscFinalize would, and put the system's back for SIGTERM
-  check(PetscLogDefaultBegin());   // event counts: factorizations and linear solves of the summary
+  count_events();                  // factorizations and linear solves of the summary
 }
 
 }  // namespace
