@@ -32,21 +32,28 @@ void ContactState::start(std::vector<double> gaps, std::vector<double> velocitie
     contact[a] = gap[a] <= 0.0 && velocity[a] == 0.0 ? 1 : 0;
 }
 
-void ContactState::detect(const std::vector<double>& tested, Detection detection) {
+template <class Gap>
+void ContactState::detect_by(Gap&& gap_of, Detection detection) {
   const bool strict = detection == Detection::current;
   for (std::size_t a = 0; a < size(); ++a) {
-    const bool reached = strict ? tested[a] < 0.0 : tested[a] <= 0.0;
+    const double tested = gap_of(a);
+    const bool reached = strict ? tested < 0.0 : tested <= 0.0;
     level[a] = reached ? 2 : 1;
     side[a] = reached ? Side::lower : Side::none;
   }
   events.clear();
 }
 
-void ContactState::take_impulse(std::size_t a, bool holds, double impulse) {
-  const auto number = static_cast<PetscInt>(a);
-  mu[2 * a + 1] = impulse;
-  if (holds && contact[a] == 0) events.push_back({number, Side::lower, 2, true, impulse});
-  if (!holds && contact[a] != 0) events.push_back({number, Side::lower, 2, false, 0.0});
+void ContactState::detect(const std::vector<double>& tested, Detection detection) {
+  detect_by([&](std::size_t a) { return tested[a]; }, detection);
+}
+
+void ContactState::detect(double ahead, Detection detection) {
+  detect_by([&](std::size_t a) { return gap[a] + ahead * velocity[a]; }, detection);
+}
+
+void ContactState::change_contact(std::size_t a, bool holds, double impulse) {
+  events.push_back({static_cast<PetscInt>(a), Side::lower, 2, holds, holds ? impulse : 0.0});
   contact[a] = holds ? 1 : 0;
 }
 

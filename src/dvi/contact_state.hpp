@@ -28,14 +28,24 @@ struct ContactState {
 
   /// Box rule: `tested` are the gaps at the position that decides.
   void detect(const std::vector<double>& tested, Detection detection);
+  /// The same, that position a time `ahead` of q_k with the velocities there [s].
+  void detect(double ahead, Detection detection);
 
   /// Takes the constraint's share of a finished step, before gap and velocity move on.
   /// @param holds  detected, and H v_{k+1} stands on its bound
-  void take_impulse(std::size_t a, bool holds, double impulse);
+  void take_impulse(std::size_t a, bool holds, double impulse) {
+    mu[2 * a + 1] = impulse;
+    if (holds != (contact[a] != 0)) change_contact(a, holds, impulse);
+  }
 
   double penetration(MPI_Comm comm) const;
   void visit(StateVisitor& visitor);  ///< @note Collective.
   PetscInt active() const;
+
+private:
+  template <class Gap>
+  void detect_by(Gap&& gap_of, Detection detection);
+  void change_contact(std::size_t a, bool holds, double impulse);
 };
 
 /// How far ahead of q_k the position that decides is, over h: 1, 1/2 or 0.

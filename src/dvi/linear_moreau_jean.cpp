@@ -79,7 +79,6 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
       gaps[a] += offset[static_cast<PetscInt>(a)];
   }
   contacts_.start(std::move(gaps), product(system.H.get(), v_.get()), system.e.get());
-  tested_.resize(contacts_.size());
   held_terms_.assign(contacts_.size(), 0.0);
 
   for (const Forcing::Entry& entry : system.f.constant) {
@@ -215,31 +214,33 @@ void LinearMoreauJean::find_theta_forces(const Step& step) {
 void LinearMoreauJean::find_rhs(const Step& step) {
   if (system_.f.varies) find_theta_forces(step);
   {
+    const double* others = of_v_.ghosts(v_.get());
     const ReadArray constant(forces_.get());
     const ReadArray varying(theta_forces_.get());
     const ReadArray scale(scale_.get());
+    const ReadArray v(v_.get());
     const WriteArray rhs(rhs_.get());
     const WriteArray terms(rhs_terms_.get());
-    for (PetscInt j = 0; j < local_; ++j) {
-      rhs[j] = h_ * scale[j] * (constant[j] + varying[j]);
-      terms[j] = h_ * scale[j] * (std::abs(constant[j]) + std::abs(varying[j]));
-    }
+    of_v_.each_row(v.data(), others, [&](PetscInt j, const AffineRows::Row& by_v) {
+      const double weight = h_ * scale[j];
+      rhs[j] = weight * (constant[j] + varying[j]) + by_v.sum;
+      terms[j] = weight * (std::abs(constant[j]) + std::abs(varying[j])) + by_v.size;
+    });
     std::fill(rhs.data() + local_, rhs.data() + rhs.size(), 0.0);
     std::fill(terms.data() + local_, terms.data() + terms.size(), 0.0);
   }
-  of_v_.add_product(v_.get(), rhs_.get(), rhs_terms_.get());
   of_q_.add_product(q_.get(), rhs_.get(), rhs_terms_.get());
 }
 
 void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
-  const double ahead = reach_of(detection_) * h_;
-  for (std::size_t a = 0; a < tested_.size(); ++a)
-    tested_[a] = contacts_.gap[a] + ahead * contacts_.velocity[a];
-  const std::vector<int> last = contacts_.level;
-  contacts_.detect(tested_, detection_);
-  if (dual_ && contacts_.level != last) ++version_;
+  std::vector<int> last;
+  if (dual_) last = contacts_.level;
+  contacts_.detect(reach_of(detection_) * h_, detection_);
+  if (dual_) {
+    if (contacts_.level != last) ++version_;
+    check(VecNorm(v_.get(), NORM_INFINITY, &fastest_));
+  }
   find_rhs(step);
-  check(VecNorm(v_.get(), NORM_INFINITY, &fastest_));
   check(VecSet(lower, PETSC_NINFINITY));
   check(VecSet(upper, PETSC_INFINITY));
   check(VecCopy(u_.get(), guess));
@@ -385,18 +386,20 @@ bool LinearMoreauJean::put_held(Vec u, Vec terms) {
   const ReadArray scale(terms);
   const ReadArray f(work_.get());
   const WriteArray values(u);
+  const auto put = [&](double& value, double to) {
+    moved = moved || value != to;
+    value = to;
+  };
   for (std::size_t a = 0; a < contacts_.size(); ++a) {
-    double& value = values[row(a)];
-    const double before = value;
-    if (!dual_) {
+    const PetscInt i = row(a);
+    if (dual_) {
+      const bool open = f[i] > values[i] && f[i] > held_rtol * scale[i];
+      if (pinned(a) || values[i] < 0.0 || open) put(values[i], 0.0);
+    } else if (contacts_.detected(a)) {
       const double bound = contacts_.rebound(a) / weight_[a];
-      held_terms_[a] = scale[row(a)];
-      if (contacts_.detected(a) && std::abs(value - bound) <= held_rtol * scale[row(a)]) value = bound;
-    } else {
-      const bool open = f[row(a)] > value && f[row(a)] > held_rtol * scale[row(a)];
-      if (pinned(a) || value < 0.0 || open) value = 0.0;
+      held_terms_[a] = scale[i];
+      if (std::abs(values[i] - bound) <= held_rtol * scale[i]) put(values[i], bound);
     }
-    moved = moved || value != before;
   }
   return moved;
 }
@@ -434,41 +437,47 @@ void LinearMoreauJean::accept(Vec u, Vec f) {
   if (dual_) {
     row_terms(u, known_.get());
     evaluate(u, work_.get());  // F before rows are pinned
-  }
-  {
-    const ReadArray terms(known_.get());
-    const ReadArray residual(dual_ ? work_.get() : f);
-    const ReadArray values(u);
-    const ReadArray scale(scale_.get());
-    for (std::size_t a = 0; a < contacts_.size(); ++a) {
-      const PetscInt i = row(a);
-      const double noise = !contacts_.detected(a) ? 0.0  // not asked for
-                                                  : held_rtol * (dual_ ? terms[i] : held_terms_[a]);
-      const double old = contacts_.velocity[a];
-      const double rebound = contacts_.rebound(a);
-      bool holds = contacts_.detected(a);
-      double impulse = 0.0;
-      double velocity = 0.0;
-      if (dual_) {
-        holds = holds && (residual[i] < values[i] || std::abs(residual[i]) <= noise);
-        impulse = holds ? values[i] / delta_[a] : 0.0;
-        velocity = rebound + residual[i];
-      } else {
-        holds = holds && values[i] == rebound / weight_[a];
-        const double push = residual[i] / (scale[i] * weight_[a]);
-        impulse = holds && residual[i] * weight_[a] > noise * std::abs(weight_[a]) ? push : 0.0;
-        velocity = weight_[a] * values[i];
-      }
-      contacts_.take_impulse(a, holds, impulse);
-      const double now = holds ? rebound : velocity;
-      contacts_.velocity[a] = now;
-      contacts_.gap[a] += h_ * (theta_ * now + (1.0 - theta_) * old);
-      lost_.dissipated -= 0.5 * impulse * (old + now);
-      lost_.scheme -= (theta_ - 0.5) * impulse * (now - old);
-    }
+    take_multipliers(u, work_.get());
+  } else {
+    take_velocities(u, f);
   }
   account();
   advance(u);
+}
+
+// Primal-dual: impulses are unknowns. @param f  before rows are pinned
+void LinearMoreauJean::take_multipliers(Vec u, Vec f) {
+  const ReadArray terms(known_.get());
+  const ReadArray residual(f);
+  const ReadArray values(u);
+  for (std::size_t a = 0; a < contacts_.size(); ++a) {
+    const PetscInt i = row(a);
+    const bool holds =
+        contacts_.detected(a) && (residual[i] < values[i] || std::abs(residual[i]) <= held_rtol * terms[i]);
+    const double rebound = contacts_.rebound(a);
+    move_contact(a, holds, holds ? values[i] / delta_[a] : 0.0, holds ? rebound : rebound + residual[i]);
+  }
+}
+
+// Box on v: an impulse is what F is left with where v stands on its bound.
+void LinearMoreauJean::take_velocities(Vec u, Vec f) {
+  const ReadArray residual(f);
+  const ReadArray values(u);
+  const ReadArray scale(scale_.get());
+  for (std::size_t a = 0; a < contacts_.size(); ++a) {
+    const PetscInt i = row(a);
+    const double weight = weight_[a];
+    if (contacts_.detected(a)) {
+      const double rebound = contacts_.rebound(a);
+      if (values[i] == rebound / weight) {
+        const double noise = held_rtol * held_terms_[a];
+        const bool pushes = residual[i] * weight > noise * std::abs(weight);
+        move_contact(a, true, pushes ? residual[i] / (scale[i] * weight) : 0.0, rebound);
+        continue;
+      }
+    }
+    move_contact(a, false, 0.0, weight * values[i]);
+  }
 }
 
 // What a step loses and gains besides impacts. With x_theta = mean + (theta - 1/2) dx, the product of the

@@ -56,6 +56,18 @@ private:
   void find_theta_forces(const Step& step);
   void evaluate(Vec u, Vec f);
   bool put_held(Vec u, Vec terms);
+  void take_multipliers(Vec u, Vec f);
+  void take_velocities(Vec u, Vec f);
+  // `now` is H v_{k+1}.
+  void move_contact(std::size_t a, bool holds, double impulse, double now) {
+    const double old = contacts_.velocity[a];
+    contacts_.take_impulse(a, holds, impulse);
+    contacts_.velocity[a] = now;
+    contacts_.gap[a] += h_ * (theta_ * now + (1.0 - theta_) * old);
+    if (impulse == 0.0) return;
+    lost_.dissipated -= 0.5 * impulse * (old + now);
+    lost_.scheme -= (theta_ - 0.5) * impulse * (now - old);
+  }
   void account();
   PetscInt row(std::size_t a) const { return dual_ ? local_ + static_cast<PetscInt>(a) : place_[a]; }
   bool pinned(std::size_t a) const { return dual_ && !contacts_.detected(a); }
@@ -77,11 +89,10 @@ private:
   Vector nu_, abs_nu_;                             // multipliers alone, primal-dual
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
-  std::vector<double> tested_;
-  std::vector<double> held_terms_;     // box on v: of the constraints' rows, when settled
-  double fastest_ = 0.0;               // largest |v_k|
-  std::vector<int> level_of_unknown_;  // primal-dual; 0: a velocity
-  std::vector<char> pinned_;           // primal-dual, constraints
+  std::vector<double> held_terms_;                 // box on v: of the constraints' rows, when settled
+  double fastest_ = 0.0;                           // largest |v_k|
+  std::vector<int> level_of_unknown_;              // primal-dual; 0: a velocity
+  std::vector<char> pinned_;                       // primal-dual, constraints
   std::uint64_t rows_version_ = 0;
   std::uint64_t version_ = 0;  // counts changes of what is pinned and of h
   PetscInt first_row_ = 0;     // global number of this rank's first unknown

@@ -45,14 +45,18 @@ void MoreauJean::find_increments(Vec u) {
 }
 
 void MoreauJean::advance(Vec u) {
-  check(VecAXPY(q_.get(), 1.0, dq_.get()));
-  {
-    const ReadArray v_new(u);
-    const WriteArray v(v_.get());
-    std::copy_n(v_new.data(), local_, v.data());
-  }
-  set_x();
   check(VecCopy(u, u_.get()));
+  const ReadArray v_new(u);
+  const ReadArray dq(dq_.get());
+  const WriteArray v(v_.get());
+  const WriteArray q(q_.get());
+  const WriteArray x(x_.get());
+  for (PetscInt j = 0; j < local_; ++j) {
+    q[j] += dq[j];
+    v[j] = v_new[j];
+    x[j] = q[j];
+    x[local_ + j] = v_new[j];
+  }
 }
 
 // The unknowns are the velocities, and multipliers if there are any: where the next step starts from.

@@ -224,7 +224,7 @@ void PrimalDual::recover_lower_measures(Vec u) {
       if (held_[q] == 0 || (i == 1 && z[q] > 0.0)) continue;
       const double direction = orientation(a, i);
       double& nu = values[local_x_ + static_cast<PetscInt>(q)];
-      const bool crossed = cross_ && cross_rows_.starts()[q + 1] > cross_rows_.starts()[q];
+      const bool crossed = cross_ && !cross_rows_.entries(static_cast<PetscInt>(q)).empty();
       if (crossed && direction * nu > held_rtol * output_scale_[q]) continue;
       nu = direction * std::max(0.0, direction * jump(q));
     }

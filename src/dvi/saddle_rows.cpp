@@ -18,15 +18,12 @@ SaddleRows::SaddleRows(Mat K, PetscInt states) : rows_(K), states_(states), coun
   const auto is_state = [&](PetscInt column) {
     return column < count_ ? column < states_ : others[column - count_] != 0.0;
   };
-  columns_.reserve(rows_.columns().size());
-  values_.reserve(rows_.columns().size());
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+  for (PetscInt i = 0; i < count_; ++i) {
     for (const bool of_states : {true, false}) {
-      for (auto k = static_cast<std::size_t>(rows_.starts()[i]);
-           k < static_cast<std::size_t>(rows_.starts()[i + 1]); ++k) {
-        if (rows_.values()[k] == 0.0 || is_state(rows_.columns()[k]) != of_states) continue;
-        columns_.push_back(rows_.columns()[k]);
-        values_.push_back(rows_.values()[k]);
+      for (const auto& [offset, value] : rows_.entries(i)) {
+        if (value == 0.0 || is_state(i + offset) != of_states) continue;
+        columns_.push_back(i + offset);
+        values_.push_back(value);
       }
       (of_states ? middle_ : starts_).push_back(static_cast<PetscInt>(columns_.size()));
     }

@@ -1,7 +1,10 @@
 #include "petsc/affine_rows.hpp"
 
 #include <cmath>
+#include <optional>
+#include <utility>
 
+#include "petsc/alike.hpp"
 #include "petsc/sparse.hpp"
 #include "vi/natural_residual.hpp"
 
@@ -44,49 +47,79 @@ private:
 }  // namespace
 
 AffineRows::AffineRows(Mat K) {
-  const LocalRange range = row_range(K);
   PetscBool parallel = PETSC_FALSE;
   check(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(K), MATMPIAIJ, &parallel));
   Mat own = K;
   Mat others = nullptr;
   const PetscInt* far = nullptr;
   if (parallel == PETSC_TRUE) check(MatMPIAIJGetSeqAIJ(K, &own, &others, &far));
-  {
-    const LocalPart near(own);
-    starts_.reserve(static_cast<std::size_t>(near.rows()) + 1);
-    starts_.push_back(0);
-    const auto take = [this](PetscInt shift) {
-      return [this, shift](PetscInt column, double value) {
-        columns_.push_back(column + shift);
-        values_.push_back(value);
-      };
-    };
-    if (others == nullptr) {
-      for (PetscInt i = 0; i < near.rows(); ++i) {
-        near.row(i, take(0));
-        starts_.push_back(static_cast<PetscInt>(columns_.size()));
-      }
-      return;
-    }
-    const LocalPart beyond(others);
-    for (PetscInt i = 0; i < near.rows(); ++i) {
-      near.row(i, take(0));
-      beyond.row(i, take(range.size()));
-      starts_.push_back(static_cast<PetscInt>(columns_.size()));
-    }
-  }
-  PetscInt count = 0;
-  check(MatGetSize(others, nullptr, &count));
+  take_rows(own, others);
+  if (others == nullptr) return;
+  check(MatGetSize(others, nullptr, &ghost_count_));
   const MPI_Comm comm = PetscObjectComm(reinterpret_cast<PetscObject>(K));
-  int any = count > 0 ? 1 : 0;
+  int any = ghost_count_ > 0 ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, comm);
   if (any == 0) return;
-  check(VecCreateSeq(PETSC_COMM_SELF, count, ghosts_.put()));
+  check(VecCreateSeq(PETSC_COMM_SELF, ghost_count_, ghosts_.put()));
   Vector like;
   check(MatCreateVecs(K, like.put(), nullptr));
   IndexSet from;
-  check(ISCreateGeneral(PETSC_COMM_SELF, count, far, PETSC_COPY_VALUES, from.put()));
+  check(ISCreateGeneral(PETSC_COMM_SELF, ghost_count_, far, PETSC_COPY_VALUES, from.put()));
   check(VecScatterCreate(like.get(), from.get(), ghosts_.get(), nullptr, scatter_.put()));
+}
+
+void AffineRows::take_rows(Mat own, Mat others) {
+  const LocalPart near(own);
+  const std::optional<LocalPart> beyond =
+      others != nullptr ? std::optional<LocalPart>(std::in_place, others) : std::nullopt;
+  check(MatGetSize(own, nullptr, &columns_));
+  kind_.reserve(static_cast<std::size_t>(near.rows()));
+  Alike alike;
+  std::vector<double> entries;  // whether there are ghosts, then offset and value of each
+  for (PetscInt i = 0; i < near.rows(); ++i) {
+    entries.assign(1, 0.0);
+    const auto take = [&](PetscInt shift) {
+      return [&entries, shift](PetscInt column, double value) {
+        entries.push_back(static_cast<double>(column + shift));
+        entries.push_back(value);
+      };
+    };
+    near.row(i, take(-i));
+    const std::size_t before = entries.size();
+    if (beyond) beyond->row(i, take(columns_ - i));
+    if (entries.size() > before) entries.front() = 1.0;
+    const auto [kind, is_new] = alike.number(entries);
+    kind_.push_back(kind);
+    if (!is_new) continue;
+    const auto begin = static_cast<PetscInt>(entries_.size());
+    for (std::size_t k = 1; k < entries.size(); k += 2)
+      entries_.push_back({static_cast<PetscInt>(entries[k]), entries[k + 1]});
+    kinds_.push_back({begin, static_cast<PetscInt>(entries_.size()), entries.front() != 0.0});
+  }
+  find_runs();
+}
+
+// Those that are long, of rows that couple nothing or two neighbours.
+void AffineRows::find_runs() {
+  constexpr PetscInt long_enough = 8;
+  const auto straight = [this](std::int32_t number) {
+    const Kind& kind = kinds_[static_cast<std::size_t>(number)];
+    const PetscInt count = kind.end - kind.begin;
+    return !kind.reads_ghosts && (count == 1 || count == 3);
+  };
+  for (PetscInt begin = 0; begin < size();) {
+    const std::int32_t kind = kind_[static_cast<std::size_t>(begin)];
+    PetscInt end = begin + 1;
+    while (end < size() && kind_[static_cast<std::size_t>(end)] == kind)
+      ++end;
+    if (end - begin >= long_enough && straight(kind))
+      runs_.push_back({end, kind});
+    else if (!runs_.empty() && runs_.back().kind == Run::any)
+      runs_.back().end = end;
+    else
+      runs_.push_back({end, Run::any});
+    begin = end;
+  }
 }
 
 const double* AffineRows::ghosts(Vec u) const {
@@ -97,31 +130,12 @@ const double* AffineRows::ghosts(Vec u) const {
   return values.data();
 }
 
-// What a row is summed from: its sum and that of the absolute values; the compiler leaves out what is not
-// used.
-inline AffineRows::Row AffineRows::row(PetscInt i, const double* own, const double* others) const {
-  const PetscInt count = size();
-  Row result;
-  for (auto k = static_cast<std::size_t>(starts_[static_cast<std::size_t>(i)]),
-            last = static_cast<std::size_t>(starts_[static_cast<std::size_t>(i) + 1]);
-       k < last; ++k) {
-    const PetscInt column = columns_[k];
-    // Columns beyond our own are there only with ghosts.
-    // NOLINTNEXTLINE(clang-analyzer-core.NullDereference)
-    const double product = values_[k] * (column < count ? own[column] : others[column - count]);
-    result.sum += product;
-    result.size += std::abs(product);
-  }
-  return result;
-}
-
 void AffineRows::residual(Vec u, Vec b, Vec f) const {
   const double* others = ghosts(u);
   const ReadArray own(u);
   const ReadArray right(b);
   const WriteArray result(f);
-  for (PetscInt i = 0; i < size(); ++i)
-    result[i] = row(i, own.data(), others).sum - right[i];
+  each_row(own.data(), others, [&](PetscInt i, const Row& products) { result[i] = products.sum - right[i]; });
 }
 
 void AffineRows::terms(Vec u, Vec b_terms, Vec terms) const {
@@ -129,8 +143,8 @@ void AffineRows::terms(Vec u, Vec b_terms, Vec terms) const {
   const ReadArray own(u);
   const ReadArray right(b_terms);
   const WriteArray result(terms);
-  for (PetscInt i = 0; i < size(); ++i)
-    result[i] = row(i, own.data(), others).size + right[i];
+  each_row(own.data(), others,
+           [&](PetscInt i, const Row& products) { result[i] = products.size + right[i]; });
 }
 
 template <class Visit>
@@ -141,14 +155,13 @@ void AffineRows::evaluate_each(Vec u, Vec b, Vec b_terms, Vec f, Vec terms, Visi
   const ReadArray right_terms(b_terms);
   const WriteArray result(f);
   const WriteArray size_of(terms);
-  for (PetscInt i = 0; i < size(); ++i) {
-    const Row products = row(i, own.data(), others);
+  each_row(own.data(), others, [&](PetscInt i, const Row& products) {
     const double value = products.sum - right[i];
     const double all_terms = products.size + right_terms[i];
     result[i] = value;
     size_of[i] = all_terms;
     visit(i, own[i], value, all_terms);
-  }
+  });
 }
 
 void AffineRows::evaluate(Vec u, Vec b, Vec b_terms, Vec f, Vec terms) const {
@@ -170,11 +183,23 @@ void AffineRows::add_product(Vec u, Vec sum, Vec terms) const {
   const ReadArray own(u);
   const WriteArray result(sum);
   const WriteArray size_of(terms);
-  for (PetscInt i = 0; i < size(); ++i) {
-    const Row products = row(i, own.data(), others);
+  each_row(own.data(), others, [&](PetscInt i, const Row& products) {
     result[i] += products.sum;
     size_of[i] += products.size;
+  });
+}
+
+void AffineRows::map(Vec x, Vec x_terms, Vec y, Vec y_terms) const {
+  {
+    const double* others = ghosts(x);
+    const ReadArray own(x);
+    const WriteArray result(y);
+    each_row(own.data(), others, [&](PetscInt i, const Row& products) { result[i] = products.sum; });
   }
+  const double* others = ghosts(x_terms);
+  const ReadArray own(x_terms);
+  const WriteArray result(y_terms);
+  each_row(own.data(), others, [&](PetscInt i, const Row& products) { result[i] = products.size; });
 }
 
 }  // namespace sweepvi

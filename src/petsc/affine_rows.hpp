@@ -1,15 +1,29 @@
 #pragma once
 
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <span>
 #include <vector>
 
 #include "sweepvi/dvi.hpp"
 
 namespace sweepvi {
 
-/// This rank's rows of a matrix K in compressed form, for what a step asks of an affine F(u) = K u - b: its
-/// values and the terms they are summed from in one pass over K, instead of a MatMult each and a copy of |K|.
+/// This rank's rows of a matrix K, for what a step asks of an affine F(u) = K u - b: its values and the terms
+/// they are summed from in one pass over K, instead of a MatMult each and a copy of |K|. Rows that are alike,
+/// as those of equal elements of a chain, are kept once: what is read from memory then is vectors alone.
 class AffineRows {
 public:
+  struct Entry {
+    PetscInt offset;  ///< column less row
+    double value;
+  };
+  /// What a row is summed from: its sum, and that of the absolute values.
+  struct Row {
+    double sum = 0.0, size = 0.0;
+  };
+
   AffineRows() = default;
   /// Copies the entries of K (AIJ). @note Collective, like all that takes vectors.
   explicit AffineRows(Mat K);
@@ -25,29 +39,118 @@ public:
 
   /// sum += K u, terms += |K| |u|
   void add_product(Vec u, Vec sum, Vec terms) const;
+  /// y = K x, y_terms = |K| x_terms; none of them the same.
+  void map(Vec x, Vec x_terms, Vec y, Vec y_terms) const;
 
-  PetscInt size() const { return static_cast<PetscInt>(starts_.size()) - 1; }
-  /// Rows are [starts[i], starts[i+1]) of columns and values. Columns count this rank's entries of a vector
+  PetscInt size() const { return static_cast<PetscInt>(kind_.size()); }
+  /// Those of row i, in the order of their columns. Columns i + offset count this rank's entries of a vector
   /// first, then those of other ranks in the order of `ghosts`.
-  const std::vector<PetscInt>& starts() const { return starts_; }
-  const std::vector<PetscInt>& columns() const { return columns_; }
-  const std::vector<double>& values() const { return values_; }
+  std::span<const Entry> entries(PetscInt i) const {
+    const Kind& kind = kind_of(i);
+    return {entries_.data() + kind.begin, entries_.data() + kind.end};
+  }
+  /// K u in row i. @param others  ghosts(u)
+  Row row(PetscInt i, const double* own, const double* others) const;
+  /// Calls visit(i, K u in row i) for all rows in their order.
+  template <class Visit>
+  void each_row(const double* own, const double* others, Visit&& visit) const;
 
   /// The entries of u on other ranks that rows read; valid until the next call. Null where all are our own.
   const double* ghosts(Vec u) const;
+  /// How many they are.
+  PetscInt ghost_count() const { return ghost_count_; }
 
 private:
-  struct Row {
-    double sum = 0.0, size = 0.0;
+  struct Kind {
+    PetscInt begin, end;  // of its entries
+    bool reads_ghosts;
   };
-  Row row(PetscInt i, const double* own, const double* others) const;
+  /// Rows side by side, of one kind that reads no ghosts; or of any.
+  struct Run {
+    PetscInt end;  // where it begins the one before ends
+    std::int32_t kind;
+    static constexpr std::int32_t any = -1;
+  };
+  const Kind& kind_of(PetscInt i) const {
+    return kinds_[static_cast<std::size_t>(kind_[static_cast<std::size_t>(i)])];
+  }
+  void take_rows(Mat own, Mat others);
+  void find_runs();
+  template <int Count, class Visit>
+  void each_of_kind(PetscInt begin, PetscInt end, const Entry* entries, const double* own,
+                    Visit&& visit) const;
   template <class Visit>
   void evaluate_each(Vec u, Vec b, Vec b_terms, Vec f, Vec terms, Visit&& visit) const;
 
-  std::vector<PetscInt> starts_, columns_;
-  std::vector<double> values_;
+  std::vector<std::int32_t> kind_;  // of each row
+  std::vector<Kind> kinds_;
+  std::vector<Run> runs_;
+  std::vector<Entry> entries_;  // of each kind
+  PetscInt columns_ = 0;        // of our own
+  PetscInt ghost_count_ = 0;
   Scatter scatter_;  // empty: no rank reads another one's
   Vector ghosts_;
 };
+
+// The compiler leaves out what is not used of the result.
+inline AffineRows::Row AffineRows::row(PetscInt i, const double* own, const double* others) const {
+  const Kind& kind = kind_of(i);
+  const Entry* const end = entries_.data() + kind.end;
+  Row result;
+  const auto add = [&result](double product) {
+    result.sum += product;
+    result.size += std::abs(product);
+  };
+  if (!kind.reads_ghosts) {
+    for (const Entry* entry = entries_.data() + kind.begin; entry < end; ++entry)
+      add(entry->value * own[i + entry->offset]);
+    return result;
+  }
+  for (const Entry* entry = entries_.data() + kind.begin; entry < end; ++entry) {
+    const PetscInt column = i + entry->offset;
+    add(entry->value * (column < columns_ ? own[column] : others[column - columns_]));
+  }
+  return result;
+}
+
+// Where the number of entries is known at compile time they stay in registers.
+template <int Count, class Visit>
+inline void AffineRows::each_of_kind(PetscInt begin, PetscInt end, const Entry* entries, const double* own,
+                                     Visit&& visit) const {
+  std::array<double, Count> value;
+  std::array<const double*, Count> read;
+  for (std::size_t k = 0; k < Count; ++k) {
+    value[k] = entries[k].value;
+    read[k] = own + entries[k].offset;
+  }
+  for (PetscInt i = begin; i < end; ++i) {
+    Row result;
+    for (std::size_t k = 0; k < Count; ++k) {
+      const double product = value[k] * read[k][i];
+      result.sum += product;
+      result.size += std::abs(product);
+    }
+    visit(i, result);
+  }
+}
+
+template <class Visit>
+void AffineRows::each_row(const double* own, const double* others, Visit&& visit) const {
+  PetscInt begin = 0;
+  for (const Run& run : runs_) {
+    if (run.kind == Run::any) {
+      for (PetscInt i = begin; i < run.end; ++i)
+        visit(i, row(i, own, others));
+    } else {
+      const Kind& kind = kinds_[static_cast<std::size_t>(run.kind)];
+      const Entry* entries = entries_.data() + kind.begin;
+      if (kind.end - kind.begin == 1)
+        each_of_kind<1>(begin, run.end, entries, own, visit);
+      else
+        each_of_kind<3>(begin, run.end, entries, own, visit);
+    }
+    begin = run.end;
+  }
+}
 
 }  // namespace sweepvi

@@ -4,10 +4,10 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <map>
 #include <span>
 #include <utility>
 
+#include "petsc/alike.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -16,32 +16,6 @@ namespace {
 
 constexpr int most_sweeps = 12;
 constexpr double settled = 2e-16;  // change of what a row reads, over the terms of the row
-
-/// Numbers what is equal; beyond so many different ones it is no longer looked for.
-class Alike {
-public:
-  /// @return the number of `what`, and whether it is new
-  std::pair<std::int32_t, bool> number(std::vector<double> what) {
-    if (count_ > 0 && what == last_) return {last_number_, false};
-    bool is_new = true;
-    std::int32_t number = count_;
-    if (known_.size() < most) {
-      const auto [at, inserted] = known_.try_emplace(what, count_);
-      is_new = inserted;
-      number = at->second;
-    }
-    if (is_new) ++count_;
-    last_ = std::move(what);
-    last_number_ = number;
-    return {number, is_new};
-  }
-
-private:
-  static constexpr std::size_t most = 1000;
-  std::map<std::vector<double>, std::int32_t> known_;
-  std::vector<double> last_;
-  std::int32_t last_number_ = 0, count_ = 0;
-};
 
 }  // namespace
 
@@ -128,11 +102,9 @@ bool BlockSweeps::find_blocks(const AffineRows& rows, const std::vector<PetscInt
     matrix.assign(static_cast<std::size_t>(size) * static_cast<std::size_t>(size), 0.0);
     read.clear();
     for (PetscInt i = first; i < end; ++i) {
-      const auto row = static_cast<std::size_t>(i);
       std::size_t head = 0;
-      for (PetscInt k = rows.starts()[row]; k < rows.starts()[row + 1]; ++k) {
-        const PetscInt column = rows.columns()[static_cast<std::size_t>(k)];
-        const double value = rows.values()[static_cast<std::size_t>(k)];
+      for (const auto& [offset, value] : rows.entries(i)) {
+        const PetscInt column = i + offset;
         if (column >= first && column < end) {
           matrix[static_cast<std::size_t>((i - first) * size + column - first)] = value;
         } else if (value != 0.0) {
@@ -348,22 +320,15 @@ void BlockSweeps::refine(Vec u, Vec f) {
 // wait for. Returns the largest change of an unknown over what its row has of its own.
 double BlockSweeps::scalar_sweep(const double* u, const double* b, const double* lower, const double* upper,
                                  const double* others, double* next) const {
-  const PetscInt* starts = rows_.starts().data();
-  const PetscInt* columns = rows_.columns().data();
-  const double* values = rows_.values().data();
   double change = 0.0;
-  for (PetscInt i = 0; i < count_; ++i) {
-    double sum = b[i];
-    for (PetscInt k = starts[i]; k < starts[i + 1]; ++k) {
-      const PetscInt column = columns[k];
-      sum -= values[k] * (column < count_ ? u[column] : others[column - count_]);
-    }
+  rows_.each_row(u, others, [&](PetscInt i, const AffineRows::Row& products) {
+    const double sum = b[i] - products.sum;
     const double by = inverse_diagonal_[static_cast<std::size_t>(i)];
     next[i] = std::min(std::max(u[i] + sum * by, lower[i]), upper[i]);
     const double moved = std::abs(next[i] - u[i]);
     const double size = std::abs(b[i]) * by + std::abs(u[i]);
     if (moved > change * size) change = moved / size;
-  }
+  });
   return change;
 }
 

@@ -36,9 +36,7 @@ PathSweeps::PathSweeps(MPI_Comm comm, const AffineRows& rows, const std::vector<
 
 // Which unknowns are taken together, and whether they lie on paths.
 bool PathSweeps::find_phases(const std::vector<int>& level) {
-  std::size_t ghosts = 0;
-  for (const PetscInt column : rows_.columns())
-    ghosts = std::max(ghosts, static_cast<std::size_t>(std::max(PetscInt{0}, column + 1 - count_)));
+  const auto ghosts = static_cast<std::size_t>(rows_.ghost_count());
   int highest = level.empty() ? 0 : *std::max_element(level.begin(), level.end());
   MPI_Allreduce(MPI_IN_PLACE, &highest, 1, MPI_INT, MPI_MAX, comm_);
   if (highest == 0) return false;
@@ -62,10 +60,8 @@ bool PathSweeps::find_phases(const std::vector<int>& level) {
                          : static_cast<PetscInt>(ghost_number[static_cast<std::size_t>(column - count_)]);
   };
   const auto each_entry = [&](PetscInt i, auto&& visit) {
-    for (PetscInt k = rows_.starts()[static_cast<std::size_t>(i)];
-         k < rows_.starts()[static_cast<std::size_t>(i) + 1]; ++k)
-      if (const double value = rows_.values()[static_cast<std::size_t>(k)]; value != 0.0)
-        visit(rows_.columns()[static_cast<std::size_t>(k)], value);
+    for (const auto& [offset, value] : rows_.entries(i))
+      if (value != 0.0) visit(i + offset, value);
   };
   for (int now = 1; now <= highest; ++now) {
     check(VecSet(marks.get(), 0.0));
