@@ -1,11 +1,15 @@
 #pragma once
 
+#include <cmath>
+
 namespace sweepvi {
 
 /// An oscillator in transformed coordinates.
 struct OscillatorState {
   double s = 0.0, v = 0.0, lambda_s = 0.0, lambda_v = 0.0;
   bool operator==(const OscillatorState&) const = default;
+  /// Some sign is neither 1 nor -1.
+  bool is_between() const { return std::abs(lambda_s) != 1.0 || std::abs(lambda_v) != 1.0; }
 };
 
 /// One step of one oscillator, its neighbours frozen: the acceleration is a + by_x x^ + by_velocity x'^. The
@@ -24,6 +28,15 @@ struct OscillatorStep {
   double v_hat(double v) const { return theta * v + (1.0 - theta) * old.v; }
   double r(const OscillatorState& now) const {
     return 1.0 - kappa * lambda_s_hat(now.lambda_s) * lambda_v_hat(now.lambda_v);
+  }
+  /// What a change of the acceleration makes of the equation of v.
+  double off(const OscillatorState& now, double acceleration) const {
+    return h / r(now) * std::abs(lambda_s_hat(now.lambda_s) * acceleration);
+  }
+  /// No more than the terms of that equation (terms_of), and known at less expense: 1/(1 + kappa) is the
+  /// least of what multiplies forces there.
+  double least_terms(const OscillatorState& now) const {
+    return std::abs(now.v) + std::abs(old.v) + 0.5 * h * (terms + mu1 + mu2);
   }
 };
 

@@ -6,7 +6,9 @@
 #include <array>
 #include <cmath>
 #include <string>
+#include <tuple>
 
+#include "dvi/zhuravlev_ivanov_parts.hpp"
 #include "petsc/sparse.hpp"
 #include "sweepvi/scheme.hpp"
 #include "vi/natural_residual.hpp"
@@ -14,22 +16,6 @@
 namespace sweepvi {
 
 namespace {
-
-/// Of one oscillator, one after the other.
-enum Unknown { of_s, of_v, of_lambda_s, of_lambda_v, unknowns };
-
-OscillatorState state_at(const double* u, PetscInt i) {
-  const double* own = u + std::ptrdiff_t{unknowns} * i;
-  return {own[of_s], own[of_v], own[of_lambda_s], own[of_lambda_v]};
-}
-
-void put(const OscillatorState& state, double* u, PetscInt i) {
-  double* own = u + std::ptrdiff_t{unknowns} * i;
-  own[of_s] = state.s;
-  own[of_v] = state.v;
-  own[of_lambda_s] = state.lambda_s;
-  own[of_lambda_v] = state.lambda_v;
-}
 
 double sign(double value) {
   return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : 0.0;
@@ -53,43 +39,6 @@ int read_most_sweeps(MPI_Comm comm) {
 }
 
 }  // namespace
-
-class ZhuravlevIvanov::Oscillators {
-public:
-  explicit Oscillators(const ZhuravlevIvanov& dvi)
-      : kappa_(dvi.kappa_),
-        old_(dvi.u_.get()),
-        a_(dvi.a_.get()),
-        x_(dvi.x_hat_.get()),
-        velocity_(dvi.velocity_hat_.get()),
-        by_x_(dvi.slope_x_.get()),
-        by_velocity_(dvi.slope_velocity_.get()),
-        terms_(dvi.force_terms_.get()) {
-    step_.h = dvi.h_;
-    step_.theta = dvi.options_.theta;
-    step_.gamma = dvi.options_.gamma;
-    if (!dvi.options_.regulator) return;
-    step_.mu1 = dvi.options_.regulator->mu1;
-    step_.mu2 = dvi.options_.regulator->mu2;
-  }
-
-  OscillatorStep operator[](PetscInt i) const {
-    OscillatorStep step = step_;
-    step.old = state_at(old_.data(), i);
-    step.kappa = kappa_[static_cast<std::size_t>(i)];
-    step.a = a_[i] - by_x_[i] * x_[i] - by_velocity_[i] * velocity_[i];
-    step.by_x = by_x_[i];
-    step.by_velocity = by_velocity_[i];
-    step.terms = terms_[i];
-    step.velocity_hat = velocity_[i];
-    return step;
-  }
-
-private:
-  const std::vector<double>& kappa_;
-  ReadArray old_, a_, x_, velocity_, by_x_, by_velocity_, terms_;
-  OscillatorStep step_;  // what all have in common
-};
 
 ZhuravlevIvanov::Point::Point(Vec vector) {
   const auto object = reinterpret_cast<PetscObject>(vector);
@@ -187,33 +136,10 @@ void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   if (options_.resample) start_from(x_.get(), velocity_.get());
   ++version_;  // columns of signs that stand on a bound change with the state
   looked_at_ = Point{};
+  ruled_ = false;
   check(VecCopy(u_.get(), guess));
   find_accelerations(guess);
   differentiate();
-}
-
-/// Each oscillator's step is solved with its neighbours as they are, in the first sweep by the rule; then,
-/// where its acceleration turns out to be another than it counted on, again. The guess is the point looked at
-/// last, before and after.
-bool ZhuravlevIvanov::predict(Vec guess) {
-  if (most_sweeps_ == 0) return false;
-  find_accelerations(guess);
-  find_force_terms();  // good enough for all sweeps: what misfits are told apart by
-  {
-    const Oscillators oscillators(*this);
-    const WriteArray values(guess);
-    for (PetscInt i = 0; i < count(); ++i) {
-      Branch& branch = branches_[static_cast<std::size_t>(i)];
-      branch = choose_branch(oscillators[i]);
-      put(branch.state, values.data(), i);
-    }
-  }
-  for (int sweeps = 1; sweeps <= most_sweeps_; ++sweeps) {
-    find_accelerations(guess);
-    if (!sweep(guess, false)) continue;
-    if (sweep(guess, true)) return true;
-  }
-  return false;
 }
 
 /// da/dx and da/dx' at the point looked at last; of linear oscillators once.
@@ -223,9 +149,11 @@ void ZhuravlevIvanov::differentiate() {
   differentiated_ = true;
   abs_by_x_ = absolute_copy(derivative_.by_x());
   check(MatGetDiagonal(derivative_.by_x(), slope_x_.get()));
+  if (oscillators_.linear()) x_rows_ = AffineRows(derivative_.by_x());
   if (derivative_.by_velocity() == nullptr) return;
   abs_by_velocity_ = absolute_copy(derivative_.by_velocity());
   check(MatGetDiagonal(derivative_.by_velocity(), slope_velocity_.get()));
+  if (oscillators_.linear()) velocity_rows_ = AffineRows(derivative_.by_velocity());
 }
 
 /// x^, x'^ and a(t^, x^, x'^) at u, unless u is the point looked at last.
@@ -239,16 +167,8 @@ void ZhuravlevIvanov::find_accelerations(Vec u) {
     const ReadArray old_values(u_.get());
     const WriteArray x(x_hat_.get());
     const WriteArray velocity(velocity_hat_.get());
-    const auto [theta, gamma] = std::pair{options_.theta, options_.gamma};
-    for (PetscInt i = 0; i < count(); ++i) {
-      const OscillatorState now = state_at(values.data(), i);
-      const OscillatorState old = state_at(old_values.data(), i);
-      const double p = gamma * now.lambda_s + (1.0 - gamma) * old.lambda_s;
-      const double q = gamma * now.lambda_v + (1.0 - gamma) * old.lambda_v;
-      const double r = 1.0 - kappa_[static_cast<std::size_t>(i)] * p * q;
-      x[i] = theta * now.lambda_s * now.s + (1.0 - theta) * std::abs(old.s);
-      velocity[i] = p * r * (theta * now.v + (1.0 - theta) * old.v);
-    }
+    for (PetscInt i = 0; i < count(); ++i)
+      std::tie(x[i], velocity[i]) = hats(i, state_at(old_values.data(), i), state_at(values.data(), i));
   }
   oscillators_.acceleration(t_hat_, x_hat_.get(), velocity_hat_.get(), a_.get());
 }
@@ -263,62 +183,56 @@ void ZhuravlevIvanov::find_force_terms() {
     check(VecAbs(work_.get()));
     check(MatMultAdd(magnitude, work_.get(), force_terms_.get(), force_terms_.get()));
   };
+  if (oscillators_.linear()) {
+    add_force_terms();
+    return;
+  }
   check(VecCopy(a_.get(), force_terms_.get()));
   check(VecAbs(force_terms_.get()));
   add_terms(abs_by_x_.get(), x_hat_.get());
   if (abs_by_velocity_) add_terms(abs_by_velocity_.get(), velocity_hat_.get());
 }
 
-/// Solves oscillators again that counted on other accelerations, on the branch they are on if that fits; or,
-/// by the rule, those for which it takes another branch now. Returns true, on all ranks, if there were none,
-/// with the guess as it was.
-bool ZhuravlevIvanov::sweep(Vec guess, bool by_rule) {
-  constexpr double solved = 2e-15;  // of the terms of a row: rounding of the accelerations
-  int changed = 0;
+/// The same by rows that are kept.
+void ZhuravlevIvanov::add_force_terms() {
+  const WriteArray terms(force_terms_.get());
   {
-    const Oscillators oscillators(*this);
+    const double* others = x_rows_.ghosts(x_hat_.get());
+    const ReadArray x(x_hat_.get());
     const ReadArray a(a_.get());
-    const WriteArray values(guess);
-    for (PetscInt i = 0; i < count(); ++i) {
-      Branch& branch = branches_[static_cast<std::size_t>(i)];
-      const OscillatorState& now = branch.state;
-      const OscillatorStep step = oscillators[i];
-      if (by_rule) {
-        if (!prefers_another(step, now)) continue;
-        branch = choose_branch(step);
-      } else {
-        const double off = h_ / step.r(now) * std::abs(step.lambda_s_hat(now.lambda_s)) *
-                           std::abs(a[i] - branch.acceleration);
-        if (off <= solved * std::abs(now.v) || off <= solved * terms_of(step, now).v) continue;
-        if (!keep_branch(step, branch)) branch = choose_branch(step);
-      }
-      put(branch.state, values.data(), i);
-      changed = 1;
-    }
+    x_rows_.each_row(x.data(), others,
+                     [&](PetscInt i, const AffineRows::Row& by_x) { terms[i] = std::abs(a[i]) + by_x.size; });
   }
-  MPI_Allreduce(MPI_IN_PLACE, &changed, 1, MPI_INT, MPI_LOR, comm_);
-  if (changed == 0) looked_at_ = Point(guess);
-  return changed == 0;
+  if (derivative_.by_velocity() == nullptr) return;
+  const double* others = velocity_rows_.ghosts(velocity_hat_.get());
+  const ReadArray velocity(velocity_hat_.get());
+  velocity_rows_.each_row(velocity.data(), others,
+                          [&](PetscInt i, const AffineRows::Row& by_v) { terms[i] += by_v.size; });
+}
+
+/// F of one oscillator. The rows of the signs are -s and -v.
+OscillatorState ZhuravlevIvanov::rows_of(const OscillatorStep& step, const OscillatorState& now,
+                                         double acceleration) const {
+  const double p = step.lambda_s_hat(now.lambda_s);
+  const double q = step.lambda_v_hat(now.lambda_v);
+  const double r = 1.0 - step.kappa * p * q;
+  const double push = p * (acceleration - step.mu1) - step.mu2 * q;
+  return {now.s - step.old.s - h_ * r * step.v_hat(now.v), now.v - step.old.v - h_ / r * push, -now.s,
+          -now.v};
 }
 
 void ZhuravlevIvanov::residual(Vec u, Vec f) {
   find_accelerations(u);
   bool between = false;  // some sign is neither 1 nor -1
   {
-    const Oscillators oscillators(*this);
+    Oscillators oscillators(*this);
     const ReadArray values(u);
     const ReadArray a(a_.get());
     const WriteArray rows(f);
     for (PetscInt i = 0; i < count(); ++i) {
       const OscillatorState now = state_at(values.data(), i);
-      const OscillatorStep step = oscillators[i];
-      const double p = step.lambda_s_hat(now.lambda_s);
-      const double q = step.lambda_v_hat(now.lambda_v);
-      const double push = p * (a[i] - step.mu1) - step.mu2 * q;
-      put({now.s - step.old.s - h_ * step.r(now) * step.v_hat(now.v),
-           now.v - step.old.v - h_ / step.r(now) * push, -now.s, -now.v},
-          rows.data(), i);
-      between = between || std::abs(now.lambda_s) != 1.0 || std::abs(now.lambda_v) != 1.0;
+      put(rows_of(oscillators[i], now, a[i]), rows.data(), i);
+      between = between || now.is_between();
     }
   }
   if (between || !oscillators_.linear()) ++version_;
@@ -328,7 +242,7 @@ void ZhuravlevIvanov::residual(Vec u, Vec f) {
 void ZhuravlevIvanov::row_terms(Vec u, Vec terms) {
   find_accelerations(u);
   find_force_terms();
-  const Oscillators oscillators(*this);
+  Oscillators oscillators(*this);
   const ReadArray values(u);
   const WriteArray rows(terms);
   for (PetscInt i = 0; i < count(); ++i) {
@@ -337,70 +251,93 @@ void ZhuravlevIvanov::row_terms(Vec u, Vec terms) {
   }
 }
 
+namespace {
+
 /// s exactly 0 where it is 0 up to the terms of its row, v too, unless its sign is that of motion off the
 /// wall: there it is small when it turns, and fits as it is. Signs exactly 1 or -1 where they are those of s
 /// and v.
-void ZhuravlevIvanov::settle(Vec u) {
-  find_accelerations(u);
-  find_force_terms();
-  put_settled(u, [](PetscInt, const OscillatorTerms&) {});
-}
-
-/// Both, where nothing moves in one pass: what a predicted step does.
-RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
-  find_accelerations(u);
-  find_force_terms();
-  int moved = 0;
-  {
-    const WriteArray rows(terms);
-    const auto keep = [&](PetscInt i, const OscillatorTerms& own) {
-      put({own.s, own.v, own.s, own.v}, rows.data(), i);
-    };
-    moved = put_settled(u, keep) ? 1 : 0;
-  }
-  MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm_);
-  if (moved != 0) {
-    residual_and_terms(u, f, terms);
-  } else {
-    looked_at_ = Point(u);
-    residual(u, f);
-  }
-  return judge_rows(u, f, lower, upper, terms);
-}
-
-/// Calls visit(i, terms) on the way. Says whether anything moved.
-template <class Visit>
-bool ZhuravlevIvanov::put_settled(Vec u, Visit&& visit) {
-  bool moved = false;
-  const Oscillators oscillators(*this);
-  const WriteArray values(u);
-  const auto vanishes = [](double value, double terms) { return std::abs(value) <= held_rtol * terms; };
+OscillatorState settled(OscillatorState now, const OscillatorTerms& terms) {
+  const auto vanishes = [](double value, double size) { return std::abs(value) <= held_rtol * size; };
   const auto settled_sign = [](double lambda, double value) {
     if (value != 0.0 && std::abs(lambda - sign(value)) <= held_rtol) return sign(value);
     return std::clamp(lambda, -1.0, 1.0);
   };
+  if (vanishes(now.s, terms.s)) now.s = 0.0;
+  now.lambda_s = settled_sign(now.lambda_s, now.s);
+  now.lambda_v = settled_sign(now.lambda_v, now.v);
+  const bool turning = now.s != 0.0 && now.lambda_v == sign(now.v);
+  if (!turning && vanishes(now.v, terms.v)) now.v = 0.0;
+  return now;
+}
+
+}  // namespace
+
+void ZhuravlevIvanov::settle(Vec u) {
+  find_accelerations(u);
+  find_force_terms();
+  Oscillators oscillators(*this);
+  const WriteArray values(u);
   for (PetscInt i = 0; i < count(); ++i) {
-    OscillatorState now = state_at(values.data(), i);
-    const OscillatorState before = now;
-    const OscillatorTerms terms = terms_of(oscillators[i], now);
-    visit(i, terms);
-    if (vanishes(now.s, terms.s)) now.s = 0.0;
-    now.lambda_s = settled_sign(now.lambda_s, now.s);
-    now.lambda_v = settled_sign(now.lambda_v, now.v);
-    const bool turning = now.s != 0.0 && now.lambda_v == sign(now.v);
-    if (!turning && vanishes(now.v, terms.v)) now.v = 0.0;
-    moved = moved || !(now == before);
-    put(now, values.data(), i);
+    const OscillatorState now = state_at(values.data(), i);
+    put(settled(now, terms_of(oscillators[i], now)), values.data(), i);
   }
-  return moved;
+}
+
+/// Both, where nothing moves in one pass: what a predicted step does.
+RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
+  if (looked_at_ == ruled_at_ && is_ruled(u)) looked_at_ = ruled_at_ = Point(u);  // a copy
+  find_accelerations(u);
+  find_force_terms();
+  const bool linear = oscillators_.linear();
+  int moved = 0;
+  bool between = false;
+  RowJudge judge;
+  {
+    Oscillators oscillators(*this);
+    const WriteArray values(u);
+    const WriteArray rows(f);
+    const WriteArray sizes(terms);
+    const ReadArray a(a_.get());
+    const auto judge_free = [&](double value, double row, double size) {
+      judge.look_at(value, row, PETSC_NINFINITY, PETSC_INFINITY, size);
+    };
+    const auto judge_sign = [&](double value, double row, double size) {
+      judge.look_at(value, row, -1.0, 1.0, size);
+    };
+    for (PetscInt i = 0; i < count(); ++i) {
+      const OscillatorState before = state_at(values.data(), i);
+      const OscillatorStep& step = oscillators[i];
+      const OscillatorTerms own = terms_of(step, before);
+      const OscillatorState now = settled(before, own);
+      const OscillatorState F = rows_of(step, now, a[i]);
+      if (!(now == before)) moved = 1;
+      between = between || now.is_between();
+      put(now, values.data(), i);
+      put(F, rows.data(), i);
+      put({own.s, own.v, own.s, own.v}, sizes.data(), i);
+      judge_free(now.s, F.s, own.s);
+      judge_free(now.v, F.v, own.v);
+      judge_sign(now.lambda_s, F.lambda_s, own.s);
+      judge_sign(now.lambda_v, F.lambda_v, own.v);
+    }
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm_);
+  if (moved != 0) {
+    residual_and_terms(u, f, terms);
+    return judge_rows(u, f, lower, upper, terms);
+  }
+  looked_at_ = Point(u);
+  if (between || !linear) ++version_;
+  return judge.ratios();
 }
 
 bool ZhuravlevIvanov::admissible(Vec u) {
+  if (is_ruled(u)) return true;
   find_accelerations(u);
   find_force_terms();
   int spurious = 0;
   {
-    const Oscillators oscillators(*this);
+    Oscillators oscillators(*this);
     const ReadArray values(u);
     for (PetscInt i = 0; i < count() && spurious == 0; ++i)
       if (prefers_another(oscillators[i], state_at(values.data(), i))) spurious = 1;
@@ -449,11 +386,11 @@ struct Derivatives {
 /// All but da/dx and da/dx'.
 void ZhuravlevIvanov::set_own_entries(Vec u, Mat jacobian) {
   const PetscInt first = row_range(jacobian).first;
-  const Oscillators oscillators(*this);
+  Oscillators oscillators(*this);
   const ReadArray values(u);
   const ReadArray a(a_.get());
   for (PetscInt i = 0; i < count(); ++i) {
-    const OscillatorStep step = oscillators[i];
+    const OscillatorStep& step = oscillators[i];
     const Derivatives d(step, state_at(values.data(), i));
     const double push_over_r = (d.p * (a[i] - step.mu1) - d.q * step.mu2) / d.r;
     const auto set = [&](Unknown row, Unknown column, double value) {
@@ -474,16 +411,16 @@ void ZhuravlevIvanov::set_own_entries(Vec u, Mat jacobian) {
 
 /// -h/R lambda_s^ da in the rows of v, with da through x^ and x'^ of each oscillator.
 void ZhuravlevIvanov::add_coupling(Vec u, Mat jacobian) {
-  const auto add = [&](Mat derivative, std::array<double, unknowns> Derivatives::*inner, Unknown unknown) {
+  const auto add = [&](Mat derivative, bool of_velocity, Unknown unknown) {
     {
-      const Oscillators oscillators(*this);
+      Oscillators oscillators(*this);
       const ReadArray values(u);
       const WriteArray outer_factors(work_.get());
       const WriteArray inner_factors(inner_.get());
       for (PetscInt i = 0; i < count(); ++i) {
         const Derivatives d(oscillators[i], state_at(values.data(), i));
         outer_factors[i] = -h_ / d.r * d.p;
-        inner_factors[i] = (d.*inner)[unknown];
+        inner_factors[i] = (of_velocity ? d.velocity : d.x)[unknown];
       }
     }
     Matrix scaled;
@@ -497,10 +434,10 @@ void ZhuravlevIvanov::add_coupling(Vec u, Mat jacobian) {
     });
   };
   for (const Unknown unknown : {of_s, of_lambda_s})
-    add(derivative_.by_x(), &Derivatives::x, unknown);
+    add(derivative_.by_x(), false, unknown);
   if (derivative_.by_velocity() == nullptr) return;
   for (const Unknown unknown : {of_v, of_lambda_s, of_lambda_v})
-    add(derivative_.by_velocity(), &Derivatives::velocity, unknown);
+    add(derivative_.by_velocity(), true, unknown);
 }
 
 // What comes of a step --------------------------------------------------------------------------------

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "dvi/impact_branch.hpp"
+#include "petsc/affine_rows.hpp"
 #include "sweepvi/impact_oscillators.hpp"
 
 namespace sweepvi {
@@ -57,17 +58,29 @@ private:
   void differentiate();
   void find_accelerations(Vec u);
   void find_force_terms();
+  void add_force_terms();
+  /// x^ and x'^ of an oscillator.
+  std::pair<double, double> hats(PetscInt i, const OscillatorState& old, const OscillatorState& now) const {
+    const double theta = options_.theta;
+    const double gamma = options_.gamma;
+    const double p = gamma * now.lambda_s + (1.0 - gamma) * old.lambda_s;
+    const double q = gamma * now.lambda_v + (1.0 - gamma) * old.lambda_v;
+    const double r = 1.0 - kappa_[static_cast<std::size_t>(i)] * p * q;
+    return {theta * now.lambda_s * now.s + (1.0 - theta) * std::abs(old.s),
+            p * r * (theta * now.v + (1.0 - theta) * old.v)};
+  }
+  void choose_all(Vec guess);
+  void relax(Vec guess);
+  double relax_once(Vec known, const double* others, const double* other_velocities, Vec guess, bool first);
   bool sweep(Vec guess, bool by_rule);
-  template <class Visit>
-  bool put_settled(Vec u, Visit&& visit);
+  bool is_ruled(Vec u) const;
+  OscillatorState rows_of(const OscillatorStep& step, const OscillatorState& now, double acceleration) const;
   void set_own_entries(Vec u, Mat jacobian);
   void add_coupling(Vec u, Mat jacobian);
   void note_events(Vec u);
   void start_from(Vec x, Vec velocity);
   void show_state();
 
-  /// Each oscillator's step, its acceleration linearised in x_i and x_i' about the point looked at last.
-  /// Reads vectors of the process: for one scope.
   class Oscillators;
 
   /// A vector and its value: PETSc counts changes.
@@ -91,7 +104,8 @@ private:
   ImpactJacobian derivative_;
   bool differentiated_ = false;
   Matrix abs_by_x_, abs_by_velocity_;
-  Vector slope_x_, slope_velocity_;  // diagonals of da/dx and da/dx'
+  AffineRows x_rows_, velocity_rows_;  // of da/dx and da/dx', where a is linear
+  Vector slope_x_, slope_velocity_;    // diagonals of da/dx and da/dx'
 
   Vector u_;                            // four per oscillator
   Vector x_, velocity_;                 // state in physical coordinates
@@ -101,6 +115,8 @@ private:
   Vector x_hat_, velocity_hat_, a_;  // of the point looked at last
   Vector force_terms_, work_, inner_;
   std::vector<Branch> branches_;  // of each oscillator, in the guess
+  bool ruled_ = false;            // the rule takes all of them; the point was
+  Point ruled_at_;
   std::vector<StepEvent> events_;
   double dissipated_ = 0.0;
 };

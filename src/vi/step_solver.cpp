@@ -299,6 +299,7 @@ bool StepSolver::predict() {
   const LogEvent::Scope logged(events_->predict);
   if (problem_.predict(guess_.get())) {
     check(VecCopy(guess_.get(), u_.get()));
+    settle();
     return true;
   }
   if (sweep()) return true;

@@ -202,7 +202,7 @@ class Bench(unittest.TestCase):
             (["--set", "time.stpe=1"], "did you mean 'step'?", 2),
         ]
         before = program.content(self.folder)
-        outcomes = program.run_all(lambda case: program.run("bench", PAPER65, *case[0], cwd=self.folder), cases)
+        outcomes = program.run_all(lambda case: program.run("bench", PAPER65, *case[0], cwd=self.folder, env=program.SLOW_UNWINDER), cases)
         for outcome, (_, message, code) in zip(outcomes, cases):
             with self.subTest(message):
                 self.assertEqual((outcome.code, outcome.out), (code, ""), outcome)

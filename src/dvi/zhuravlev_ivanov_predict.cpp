@@ -1,0 +1,166 @@
+// The steps that the process solves by itself.
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+
+#include "dvi/zhuravlev_ivanov.hpp"
+#include "dvi/zhuravlev_ivanov_parts.hpp"
+
+namespace sweepvi {
+
+/// Each oscillator's step is solved with its neighbours as they are, in the first sweep by the rule; then,
+/// where its acceleration turns out to be another than it counted on, again. The guess is the point looked at
+/// last, before and after.
+bool ZhuravlevIvanov::predict(Vec guess) {
+  if (most_sweeps_ == 0) return false;
+  find_accelerations(guess);
+  find_force_terms();  // good enough for all sweeps: what misfits are told apart by
+  if (oscillators_.linear())
+    relax(guess);
+  else
+    choose_all(guess);
+  for (int sweeps = 1; sweeps <= most_sweeps_; ++sweeps) {
+    find_accelerations(guess);
+    if (!sweep(guess, false)) continue;
+    if (!sweep(guess, true)) continue;
+    ruled_ = true;
+    ruled_at_ = looked_at_;
+    return true;
+  }
+  return false;
+}
+
+/// The first sweep: all at once.
+void ZhuravlevIvanov::choose_all(Vec guess) {
+  Oscillators oscillators(*this);
+  const WriteArray values(guess);
+  for (PetscInt i = 0; i < count(); ++i) {
+    Branch& branch = branches_[static_cast<std::size_t>(i)];
+    branch = choose_branch(oscillators[i]);
+    put(branch.state, values.data(), i);
+  }
+}
+
+namespace {
+constexpr double solved = 2e-15;  // of the terms of a row: rounding of the accelerations
+}
+
+/// Linear oscillators one after the other, each with its neighbours as they are by now (those of other ranks
+/// as they were): Gauss-Seidel, which contracts like the square of h^2 da/dx. In the first sweep neighbours
+/// that were not yet seen stand where they fly to without contact.
+void ZhuravlevIvanov::relax(Vec guess) {
+  const bool damped = derivative_.by_velocity() != nullptr;
+  Vec known = work_.get();  // the accelerations but for what x and x' give
+  const double* others = x_rows_.ghosts(x_hat_.get());
+  const double* other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
+  {
+    const ReadArray a(a_.get());
+    const WriteArray x(x_hat_.get());
+    const WriteArray velocity(velocity_hat_.get());
+    const WriteArray left(known);
+    x_rows_.each_row(x.data(), others,
+                     [&](PetscInt i, const AffineRows::Row& by_x) { left[i] = a[i] - by_x.sum; });
+    if (damped)
+      velocity_rows_.each_row(velocity.data(), other_velocities,
+                              [&](PetscInt i, const AffineRows::Row& by_v) { left[i] -= by_v.sum; });
+    const double ahead = options_.theta * h_;
+    for (PetscInt i = 0; i < count(); ++i) {
+      const double faster = velocity[i] + ahead * a[i];
+      const double there = x[i] + ahead * faster;
+      x[i] = std::max(there, 0.0);
+      velocity[i] = there > 0.0 ? faster : std::max(faster, 0.0);
+    }
+  }
+  double before = 1.0;
+  for (int sweeps = 0; sweeps < most_sweeps_; ++sweeps) {
+    others = x_rows_.ghosts(x_hat_.get());
+    other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
+    double off = relax_once(known, others, other_velocities, guess, sweeps == 0);
+    MPI_Allreduce(MPI_IN_PLACE, &off, 1, MPI_DOUBLE, MPI_MAX, comm_);
+    if (sweeps == 0) continue;
+    // The next sweep would find that much times the contraction.
+    if (!(off * off > solved * before) || !(off < before)) break;
+    before = off;
+  }
+  looked_at_ = Point{};
+}
+
+/// One sweep. @return how far accelerations were, at most, from those that oscillators had counted on, over
+/// the terms of their rows
+double ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* other_velocities, Vec guess,
+                                   bool first) {
+  const bool damped = derivative_.by_velocity() != nullptr;
+  double worst = 0.0;
+  const WriteArray values(guess);
+  const WriteArray x(x_hat_.get());
+  const WriteArray velocity(velocity_hat_.get());
+  const WriteArray a(a_.get());
+  const ReadArray left(known);
+  Oscillators oscillators(*this);
+  for (PetscInt i = 0; i < count(); ++i) {
+    Branch& branch = branches_[static_cast<std::size_t>(i)];
+    a[i] = left[i] + x_rows_.row(i, x.data(), others).sum;
+    if (damped) a[i] += velocity_rows_.row(i, velocity.data(), other_velocities).sum;
+    const double by = a[i] - branch.acceleration;
+    if (!first &&
+        h_ * std::abs(by) <= solved * (1.0 - kappa_[static_cast<std::size_t>(i)]) * std::abs(branch.state.v))
+      continue;  // as below, seen at less expense
+    const OscillatorStep& step = oscillators[i];
+    if (first) {
+      branch = choose_branch(step);
+    } else {
+      const double off = step.off(branch.state, by);
+      const double terms = step.least_terms(branch.state);
+      if (off <= solved * terms) continue;
+      worst = std::max(worst, off / terms);
+      if (!keep_branch(step, branch)) branch = choose_branch(step);
+    }
+    put(branch.state, values.data(), i);
+    std::tie(x[i], velocity[i]) = hats(i, step.old, branch.state);
+  }
+  return worst;
+}
+
+/// Solves oscillators again that counted on other accelerations, on the branch they are on if that fits; or,
+/// by the rule, those for which it takes another branch now. Returns true, on all ranks, if there were none,
+/// with the guess as it was.
+bool ZhuravlevIvanov::sweep(Vec guess, bool by_rule) {
+  int changed = 0;
+  {
+    Oscillators oscillators(*this);
+    const ReadArray a(a_.get());
+    const WriteArray values(guess);
+    for (PetscInt i = 0; i < count(); ++i) {
+      Branch& branch = branches_[static_cast<std::size_t>(i)];
+      const OscillatorState& now = branch.state;
+      const OscillatorStep& step = oscillators[i];
+      if (by_rule) {
+        if (!prefers_another(step, now)) continue;
+        branch = choose_branch(step);
+      } else {
+        const double off = step.off(now, a[i] - branch.acceleration);
+        if (off <= solved * step.least_terms(now) || off <= solved * terms_of(step, now).v) continue;
+        if (!keep_branch(step, branch)) branch = choose_branch(step);
+      }
+      put(branch.state, values.data(), i);
+      changed = 1;
+    }
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &changed, 1, MPI_INT, MPI_LOR, comm_);
+  if (changed == 0) looked_at_ = Point(guess);
+  return changed == 0;
+}
+
+/// Whether u is what `predict` found: the rule was asked about it.
+bool ZhuravlevIvanov::is_ruled(Vec u) const {
+  int same = ruled_ ? 1 : 0;
+  {
+    const ReadArray values(u);
+    for (PetscInt i = 0; i < count() && same != 0; ++i)
+      if (!(state_at(values.data(), i) == branches_[static_cast<std::size_t>(i)].state)) same = 0;
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &same, 1, MPI_INT, MPI_LAND, comm_);
+  return same != 0;
+}
+
+}  // namespace sweepvi
