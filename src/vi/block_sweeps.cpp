@@ -31,6 +31,11 @@ BlockSweeps::BlockSweeps(MPI_Comm comm, const AffineRows& rows, const std::vecto
   MPI_Allreduce(MPI_IN_PLACE, &small, 1, MPI_INT, MPI_LAND, comm);
   rate_ = small != 0 ? contraction() : HUGE_VAL;
   MPI_Allreduce(MPI_IN_PLACE, &rate_, 1, MPI_DOUBLE, MPI_MAX, comm);
+  int mends = 1;
+  for (const SmallBox& box : boxes_)
+    if (!box.mends()) mends = 0;
+  MPI_Allreduce(MPI_IN_PLACE, &mends, 1, MPI_INT, MPI_LAND, comm);
+  mends_ = mends != 0;
   if (worthwhile())
     find_scalars();
   else
@@ -254,6 +259,23 @@ double BlockSweeps::next_sweep(double* u, const double* b, const double* others)
   return carry_on(u, b, others, [](std::size_t, const SmallBox&, PetscInt, const double*) {});
 }
 
+// Of what hardly changes any more: each row by itself, to its own rounding.
+void BlockSweeps::last_sweep(double* u, const double* b, const double* others) {
+  std::array<double, SmallBox::largest> right;  // NOLINT: filled as far as it is read
+  each_block([&](std::size_t e, const Block& block, SmallBox& box, PetscInt first, std::size_t) {
+    std::copy_n(b + first, box.size(), right.begin());
+    each_reading_row(block, [&](int row, std::span<const Entry> entries) {
+      double sum = 0.0;
+      for (const Entry& entry : entries) {
+        const PetscInt column = first + entry.offset;
+        sum += entry.value * (column < count_ ? u[column] : others[column - count_]);
+      }
+      right[static_cast<std::size_t>(row)] -= sum;
+    });
+    box.mend(right.data(), active_[e], u + first);
+  });
+}
+
 // What is left of b for a block by what it reads.
 void BlockSweeps::find_right(const Block& block, const SmallBox& box, const double* b, const double* read,
                              double* right) const {
@@ -368,13 +390,21 @@ bool BlockSweeps::solve(Vec guess, Vec u, Vec b, Vec lower, Vec upper) {
     MPI_Allreduce(MPI_IN_PLACE, &failed, 1, MPI_INT, MPI_LOR, comm_);
     if (failed != 0) return false;
   }
+  double before = 1.0;
+  double change = 0.0;
   for (int sweep = 1; sweep < most_sweeps; ++sweep) {
     const double* others = rows_.ghosts(u);
     const WriteArray x(u);
+    const double seen = std::min(rate_, change / before);
+    if (sweep > 1 && mends_ && change * seen * seen <= settled) {
+      last_sweep(x.data(), right.data(), others);
+      break;
+    }
     const ReadArray l(lower);
     const ReadArray h(upper);
-    double change = sweep == 1 ? sweep_and_check(x.data(), right.data(), l.data(), h.data(), others)
-                               : next_sweep(x.data(), right.data(), others);
+    before = sweep == 1 ? 1.0 : change;
+    change = sweep == 1 ? sweep_and_check(x.data(), right.data(), l.data(), h.data(), others)
+                        : next_sweep(x.data(), right.data(), others);
     MPI_Allreduce(MPI_IN_PLACE, &change, 1, MPI_DOUBLE, MPI_MAX, comm_);
     // The next one would change that much times the contraction.
     if (change * rate_ <= settled) break;

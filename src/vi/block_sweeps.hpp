@@ -63,6 +63,7 @@ private:
   bool first_sweep(const double* guess, double* u, const double* b, const double* lower, const double* upper,
                    const double* others);
   double next_sweep(double* u, const double* b, const double* others);
+  void last_sweep(double* u, const double* b, const double* others);
   double sweep_and_check(double* u, const double* b, const double* lower, const double* upper,
                          const double* others);
   template <class After>
@@ -80,6 +81,7 @@ private:
   const AffineRows& rows_;
   double slack_;                          // of degenerate rows, over their terms
   double rate_ = 0.0;                     // contraction of a sweep
+  bool mends_ = false;                    // all boxes do
   PetscInt count_ = 0;                    // unknowns
   bool scalars_ = false;                  // each unknown is a block, on all ranks: projected Jacobi
   std::vector<double> inverse_diagonal_;  // then

@@ -72,6 +72,72 @@ SmallBox::SmallBox(int size, std::vector<double> matrix)
       columns_[place(stride_, i, j)] = entry;
       row_sums_[static_cast<std::size_t>(i)] += std::abs(entry);
     }
+  find_chain();
+}
+
+// Rows whose reads are all there already come next; else the one that reads most. Summing rows in that order
+// must not make much of the errors there are: none that is 1 in all unknowns may grow beyond `most`.
+void SmallBox::find_chain() {
+  constexpr double most = 2.0;
+  const auto entry = [&](int i, int j) { return matrix_[place(size_, j, i)]; };
+  std::vector<char> taken(static_cast<std::size_t>(size_), 0);
+  for (int count = 0; count < size_; ++count) {
+    int next = -1, most_read = -1;
+    for (int i = 0; i < size_; ++i) {
+      if (taken[static_cast<std::size_t>(i)] != 0) continue;
+      int behind = 0, read = 0;
+      for (int j = 0; j < size_; ++j) {
+        if (j == i || entry(i, j) == 0.0) continue;
+        ++read;
+        if (taken[static_cast<std::size_t>(j)] == 0) ++behind;
+      }
+      const int rank = behind == 0 ? size_ : read;
+      if (rank > most_read) {
+        most_read = rank;
+        next = i;
+      }
+    }
+    taken[static_cast<std::size_t>(next)] = 1;
+    const double by = 1.0 / entry(next, next);
+    for (int j = 0; j < size_; ++j)
+      if (j != next && entry(next, j) != 0.0) reads_.push_back({j, by * entry(next, j)});
+    chain_.push_back({next, static_cast<int>(reads_.size()), by});
+  }
+  std::vector<double> error(static_cast<std::size_t>(size_), 1.0);
+  const double once = mended_error(error);
+  mending_ = mended_error(error) / once;
+  if (once <= most) return;
+  chain_.clear();  // it is more, or not a number
+  reads_.clear();
+}
+
+// What is left of errors at most, and their largest.
+double SmallBox::mended_error(std::vector<double>& error) const {
+  double worst = 0.0;
+  auto read = reads_.begin();
+  for (const Row& row : chain_) {
+    double sum = 0.0;
+    for (; read < reads_.begin() + row.end; ++read)
+      sum += std::abs(read->value) * error[static_cast<std::size_t>(read->column)];
+    error[static_cast<std::size_t>(row.row)] = sum;
+    worst = sum > worst || std::isnan(sum) ? sum : worst;
+  }
+  return worst;
+}
+
+void SmallBox::mend(const double* right, Mask active, double* u) const {
+  const Read* const reads = reads_.data();
+  const Read* read = reads;
+  for (const Row& row : chain_) {
+    const Read* const end = reads + row.end;
+    if ((active >> row.row & 1U) == 0) {
+      double sum = right[row.row] * row.by;
+      for (; read < end; ++read)
+        sum -= read->value * u[read->column];
+      u[row.row] = sum;
+    }
+    read = end;
+  }
 }
 
 const double* SmallBox::inverse_of(Mask active) {
@@ -96,16 +162,20 @@ public:
   Attempt(SmallBox& box, const double* right, const double* lower, const double* upper, double slack,
           const double* guess, double* u)
       : box_(box), right_(right), lower_(lower), upper_(upper), slack_(slack), u_(u) {
-    // From the guess, u = u_0 + inverse (right - M u_0): errors of the inverse then are relative to the
-    // change.
+    // u = u_0 + inverse (right - M u_0): from the guess, errors of the inverse then are relative to the
+    // change; where they are mended afterwards, from 0.
+    const bool mended = !box.chain_.empty();
     const auto last = static_cast<std::size_t>(stride() - 1);
     start_[last] = off_[last] = 0.0;
     for (int i = 0; i < size(); ++i) {
       const auto k = static_cast<std::size_t>(i);
-      start_[k] = guess[i];
+      start_[k] = mended ? 0.0 : guess[i];
       off_[k] = right[i];
-      if (has_lower(lower[i]) || has_upper(upper[i])) bounded_ |= Mask{1} << i;
+      if (!has_lower(lower[i]) && !has_upper(upper[i])) continue;
+      bounded_ |= Mask{1} << i;
+      if (has_upper(upper[i]) && !(guess[i] <= lower[i])) above_ |= Mask{1} << i;
     }
+    if (mended) return;
     for (int j = 0; j < size(); ++j)
       add_product(box.columns_.data(), j, -start_[static_cast<std::size_t>(j)], off_);
   }
@@ -113,10 +183,7 @@ public:
   /// Semismooth Newton, as Predictor does on all unknowns of a step; where it repeats itself, every set.
   const double* solve(Mask& active) {
     active_ = active & bounded_;
-    for (Mask rest = active_; rest != 0; rest &= rest - 1) {
-      const int i = std::countr_zero(rest);
-      if (has_upper(upper_[i]) && !(start_[static_cast<std::size_t>(i)] <= lower_[i])) above_ |= Mask{1} << i;
-    }
+    above_ &= active_;
     const double* inverse = iterate();
     if (inverse == nullptr) inverse = enumerate();
     active = active_;
@@ -167,6 +234,7 @@ private:
       const int i = std::countr_zero(rest);
       u_[i] = bound_of(i);
     }
+    box_.mend(right_, active_, u_);
     return inverse;
   }
 

@@ -8,7 +8,10 @@ namespace sweepvi {
 
 /// A box VI of a few unknowns, many times with other data: find u in [lower, upper] with F = M u - right in
 /// the sense of Dvi. By its active set: u stands at a bound where that is active and F = 0 elsewhere, with
-/// the inverse of each set's matrix kept once it was needed.
+/// the inverse of each set's matrix kept once it was needed. Where rows read each other along a chain, but
+/// for little, as in a step of integrators (I - h A), each then is summed once more by itself, in the order
+/// of that chain: what the inverse gives is known relative to the largest number of the block, a row relative
+/// to its own terms. Elsewhere the inverse is used from the guess on, for the change alone.
 class SmallBox {
 public:
   using Mask = std::uint32_t;
@@ -25,6 +28,11 @@ public:
   const double* solve(const double* right, const double* lower, const double* upper, double slack,
                       const double* guess, double* u, Mask& active);
 
+  /// Sums inactive rows once more, each by itself, with what the others are by then.
+  void mend(const double* right, Mask active, double* u) const;
+  /// Whether that takes a small change of `right`, too: next to nothing of it is left.
+  bool mends() const { return !chain_.empty() && !(mending_ > 0.01); }
+
   /// Of M with identity rows where `active`: column by column, which are `stride` apart; null if it is
   /// singular. Columns of inactive rows hold what F does there, those of active ones what a bound does.
   const double* inverse_of(Mask active);
@@ -35,6 +43,17 @@ private:
     Mask active;
     std::vector<double> inverse;
   };
+  /// M without its diagonal, row by row in an order in which rows read those before them.
+  struct Read {
+    int column;
+    double value;  // over the diagonal
+  };
+  struct Row {
+    int row, end;  // of what it reads, which begins where that of the row before ends
+    double by;     // 1 / diagonal
+  };
+  void find_chain();
+  double mended_error(std::vector<double>& error) const;
   template <int Fixed>
   class Attempt;
   template <int Fixed>
@@ -45,6 +64,9 @@ private:
   std::vector<double> matrix_;   // row by row
   std::vector<double> columns_;  // column by column
   std::vector<double> row_sums_;
+  std::vector<Row> chain_;  // empty: rows do not read each other so
+  std::vector<Read> reads_;
+  double mending_ = 0.0;  // contraction of errors; 0/0: there are none
   std::vector<Set> sets_;
 };
 
