@@ -99,26 +99,37 @@ void AffineRows::take_rows(Mat own, Mat others) {
   find_runs();
 }
 
-// Those that are long, of rows that couple nothing or two neighbours.
+// Up to which row kinds come back after `period` rows, without ghosts.
+PetscInt AffineRows::straight_until(PetscInt begin, PetscInt period) const {
+  const auto kind = [this](PetscInt i) { return kind_[static_cast<std::size_t>(i)]; };
+  PetscInt end = begin;
+  while (end < size() && !kind_of(end).reads_ghosts &&
+         (end < begin + period || kind(end) == kind(end - period)))
+    ++end;
+  return end;
+}
+
+// Those that are long, with the shortest period.
 void AffineRows::find_runs() {
-  constexpr PetscInt long_enough = 8;
-  const auto straight = [this](std::int32_t number) {
-    const Kind& kind = kinds_[static_cast<std::size_t>(number)];
-    const PetscInt count = kind.end - kind.begin;
-    return !kind.reads_ghosts && (count == 1 || count == 3);
-  };
+  constexpr PetscInt longest_period = 16, repeats = 8;
   for (PetscInt begin = 0; begin < size();) {
-    const std::int32_t kind = kind_[static_cast<std::size_t>(begin)];
-    PetscInt end = begin + 1;
-    while (end < size() && kind_[static_cast<std::size_t>(end)] == kind)
-      ++end;
-    if (end - begin >= long_enough && straight(kind))
-      runs_.push_back({end, kind});
-    else if (!runs_.empty() && runs_.back().kind == Run::any)
-      runs_.back().end = end;
+    PetscInt period = 1;
+    PetscInt end = begin;
+    for (; period <= longest_period; ++period) {
+      end = straight_until(begin, period);
+      if (end - begin >= repeats * period) break;
+    }
+    if (period <= longest_period) {
+      end -= (end - begin) % period;
+      runs_.push_back({end, period});
+      begin = end;
+      continue;
+    }
+    ++begin;
+    if (!runs_.empty() && runs_.back().period == 0)
+      runs_.back().end = begin;
     else
-      runs_.push_back({end, Run::any});
-    begin = end;
+      runs_.push_back({begin, 0});
   }
 }
 

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <span>
+#include <type_traits>
 #include <vector>
 
 #include "sweepvi/dvi.hpp"
@@ -51,7 +53,7 @@ public:
   }
   /// K u in row i. @param others  ghosts(u)
   Row row(PetscInt i, const double* own, const double* others) const;
-  /// Calls visit(i, K u in row i) for all rows in their order.
+  /// Calls visit(i, K u in row i) for all rows, each once, in any order.
   template <class Visit>
   void each_row(const double* own, const double* others, Visit&& visit) const;
 
@@ -65,20 +67,23 @@ private:
     PetscInt begin, end;  // of its entries
     bool reads_ghosts;
   };
-  /// Rows side by side, of one kind that reads no ghosts; or of any.
+  /// Rows side by side whose kinds, which read no ghosts, come back after `period` rows; or, with a period of
+  /// 0, any.
   struct Run {
     PetscInt end;  // where it begins the one before ends
-    std::int32_t kind;
-    static constexpr std::int32_t any = -1;
+    PetscInt period;
   };
   const Kind& kind_of(PetscInt i) const {
     return kinds_[static_cast<std::size_t>(kind_[static_cast<std::size_t>(i)])];
   }
   void take_rows(Mat own, Mat others);
   void find_runs();
+  PetscInt straight_until(PetscInt begin, PetscInt period) const;
+  template <class Visit>
+  void each_of_kind(PetscInt begin, PetscInt end, PetscInt period, const double* own, Visit&& visit) const;
   template <int Count, class Visit>
-  void each_of_kind(PetscInt begin, PetscInt end, const Entry* entries, const double* own,
-                    Visit&& visit) const;
+  static void each_with(PetscInt begin, PetscInt end, PetscInt period, const Entry* entries,
+                        const double* own, Visit&& visit);
   template <class Visit>
   void evaluate_each(Vec u, Vec b, Vec b_terms, Vec f, Vec terms, Visit&& visit) const;
 
@@ -113,17 +118,18 @@ inline AffineRows::Row AffineRows::row(PetscInt i, const double* own, const doub
   return result;
 }
 
-// Where the number of entries is known at compile time they stay in registers.
+// Rows begin, begin + period, ... Where the number of entries is known at compile time they stay in
+// registers.
 template <int Count, class Visit>
-inline void AffineRows::each_of_kind(PetscInt begin, PetscInt end, const Entry* entries, const double* own,
-                                     Visit&& visit) const {
+inline void AffineRows::each_with(PetscInt begin, PetscInt end, PetscInt period, const Entry* entries,
+                                  const double* own, Visit&& visit) {
   std::array<double, Count> value;
   std::array<const double*, Count> read;
   for (std::size_t k = 0; k < Count; ++k) {
     value[k] = entries[k].value;
     read[k] = own + entries[k].offset;
   }
-  for (PetscInt i = begin; i < end; ++i) {
+  for (PetscInt i = begin; i < end; i += period) {
     Row result;
     for (std::size_t k = 0; k < Count; ++k) {
       const double product = value[k] * read[k][i];
@@ -135,20 +141,45 @@ inline void AffineRows::each_of_kind(PetscInt begin, PetscInt end, const Entry* 
 }
 
 template <class Visit>
+inline void AffineRows::each_of_kind(PetscInt begin, PetscInt end, PetscInt period, const double* own,
+                                     Visit&& visit) const {
+  const std::span<const Entry> entries = this->entries(begin);
+  const auto with = [&](auto count) {
+    each_with<count.value>(begin, end, period, entries.data(), own, visit);
+  };
+  switch (entries.size()) {
+    case 1:
+      return with(std::integral_constant<int, 1>());
+    case 2:
+      return with(std::integral_constant<int, 2>());
+    case 3:
+      return with(std::integral_constant<int, 3>());
+    case 4:
+      return with(std::integral_constant<int, 4>());
+    case 5:
+      return with(std::integral_constant<int, 5>());
+    case 6:
+      return with(std::integral_constant<int, 6>());
+    default:
+      for (PetscInt i = begin; i < end; i += period)
+        visit(i, row(i, own, nullptr));
+  }
+}
+
+template <class Visit>
 void AffineRows::each_row(const double* own, const double* others, Visit&& visit) const {
+  constexpr PetscInt near = 400;  // rows: what a few vectors have of them stays in the cache
   PetscInt begin = 0;
   for (const Run& run : runs_) {
-    if (run.kind == Run::any) {
+    if (run.period == 0)
       for (PetscInt i = begin; i < run.end; ++i)
         visit(i, row(i, own, others));
-    } else {
-      const Kind& kind = kinds_[static_cast<std::size_t>(run.kind)];
-      const Entry* entries = entries_.data() + kind.begin;
-      if (kind.end - kind.begin == 1)
-        each_of_kind<1>(begin, run.end, entries, own, visit);
-      else
-        each_of_kind<3>(begin, run.end, entries, own, visit);
-    }
+    else if (run.period == 1)
+      each_of_kind(begin, run.end, 1, own, visit);
+    else
+      for (PetscInt part = begin; part < run.end; part += near / run.period * run.period)
+        for (PetscInt i = part; i < part + run.period; ++i)
+          each_of_kind(i, std::min(run.end, part + near / run.period * run.period), run.period, own, visit);
     begin = run.end;
   }
 }

@@ -162,20 +162,16 @@ public:
   Attempt(SmallBox& box, const double* right, const double* lower, const double* upper, double slack,
           const double* guess, double* u)
       : box_(box), right_(right), lower_(lower), upper_(upper), slack_(slack), u_(u) {
-    // u = u_0 + inverse (right - M u_0): from the guess, errors of the inverse then are relative to the
-    // change; where they are mended afterwards, from 0.
-    const bool mended = !box.chain_.empty();
+    // From the guess, u = u_0 + inverse (right - M u_0): errors of the inverse then are relative to the
+    // change.
     const auto last = static_cast<std::size_t>(stride() - 1);
     start_[last] = off_[last] = 0.0;
     for (int i = 0; i < size(); ++i) {
       const auto k = static_cast<std::size_t>(i);
-      start_[k] = mended ? 0.0 : guess[i];
+      start_[k] = guess[i];
       off_[k] = right[i];
-      if (!has_lower(lower[i]) && !has_upper(upper[i])) continue;
-      bounded_ |= Mask{1} << i;
-      if (has_upper(upper[i]) && !(guess[i] <= lower[i])) above_ |= Mask{1} << i;
+      if (has_lower(lower[i]) || has_upper(upper[i])) bounded_ |= Mask{1} << i;
     }
-    if (mended) return;
     for (int j = 0; j < size(); ++j)
       add_product(box.columns_.data(), j, -start_[static_cast<std::size_t>(j)], off_);
   }
@@ -183,8 +179,15 @@ public:
   /// Semismooth Newton, as Predictor does on all unknowns of a step; where it repeats itself, every set.
   const double* solve(Mask& active) {
     active_ = active & bounded_;
-    above_ &= active_;
+    for (Mask rest = active_; rest != 0; rest &= rest - 1) {
+      const int i = std::countr_zero(rest);
+      if (has_upper(upper_[i]) && !(start_[static_cast<std::size_t>(i)] <= lower_[i])) above_ |= Mask{1} << i;
+    }
     const double* inverse = iterate();
+    if (inverse == nullptr) {
+      mends_ = !box_.chain_.empty();
+      inverse = mends_ ? iterate() : nullptr;
+    }
     if (inverse == nullptr) inverse = enumerate();
     active = active_;
     return inverse;
@@ -234,7 +237,7 @@ private:
       const int i = std::countr_zero(rest);
       u_[i] = bound_of(i);
     }
-    box_.mend(right_, active_, u_);
+    if (mends_) box_.mend(right_, active_, u_);
     return inverse;
   }
 
@@ -302,6 +305,7 @@ private:
   double* u_;
   Values start_, off_;  // NOLINT: filled as far as they are read
   Mask bounded_ = 0, active_ = 0, above_ = 0;
+  bool mends_ = false;    // small numbers may have drowned in large ones
   double largest_ = 0.0;  // |u_i|
 };
 

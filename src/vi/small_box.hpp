@@ -8,10 +8,11 @@ namespace sweepvi {
 
 /// A box VI of a few unknowns, many times with other data: find u in [lower, upper] with F = M u - right in
 /// the sense of Dvi. By its active set: u stands at a bound where that is active and F = 0 elsewhere, with
-/// the inverse of each set's matrix kept once it was needed. Where rows read each other along a chain, but
-/// for little, as in a step of integrators (I - h A), each then is summed once more by itself, in the order
-/// of that chain: what the inverse gives is known relative to the largest number of the block, a row relative
-/// to its own terms. Elsewhere the inverse is used from the guess on, for the change alone.
+/// the inverse of each set's matrix kept once it was needed.
+///
+/// What the inverse gives is known relative to the largest number of the block. Where rows read each other
+/// along a chain, but for little, as in a step of integrators (I - h A), they can be mended: each summed once
+/// more by itself, in the order of that chain, is right to its own terms.
 class SmallBox {
 public:
   using Mask = std::uint32_t;
