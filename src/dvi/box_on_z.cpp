@@ -9,15 +9,6 @@
 
 namespace sweepvi {
 
-namespace {
-
-void absolute_values(Vec from, Vec to) {
-  check(VecCopy(from, to));
-  check(VecAbs(to));
-}
-
-}  // namespace
-
 BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree, double t_start, double h,
                double theta)
     : OutputBox(system.comm(), h),
@@ -40,7 +31,9 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   jumps_ = coordinates_.jumps();
   if (jumps_) {
     inverse_jumps_ = coordinates_.inverse_jumps(jumps_.get());
-    abs_inverse_ = absolute_copy(inverse_jumps_.get());
+    jump_rows_ = AffineRows(jumps_.get());
+    inverse_rows_ = AffineRows(inverse_jumps_.get());
+    mapped_terms_ = duplicate(u_.get());
     K_ = multiply_clean(inverse_jumps_.get(), plain_K_.get());
   } else {
     K_ = Matrix::share(plain_K_.get());
@@ -61,10 +54,10 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
 void BoxOnZ::make_rates() {
   Matrix R = coordinates_.companion();
   plain_K_ = implicit_euler(R.get(), h_ * theta_);
+  plain_rows_ = AffineRows(plain_K_.get());
   if (theta_ == 1.0) return;
   check(MatScale(R.get(), h_ * (1.0 - theta_)));
-  abs_old_rates_ = absolute_copy(R.get());
-  old_rates_ = std::move(R);
+  old_rates_ = AffineRows(R.get());
 }
 
 bool BoxOnZ::set_step(double h) {
@@ -112,7 +105,7 @@ void BoxOnZ::find_c(const Step& step) {
     else
       check(VecSet(forces, 0.0));
     system_.f.add_to(forces, step.t_new, 0, step.h * theta_);
-    if (old_rates_) system_.f.add_to(forces, step.t_old, 0, step.h * (1.0 - theta_));
+    if (theta_ != 1.0) system_.f.add_to(forces, step.t_old, 0, step.h * (1.0 - theta_));
     if (!plain) coordinates_.to_u(forces, c_.get());
     return;
   }
@@ -126,12 +119,12 @@ void BoxOnZ::find_c(const Step& step) {
   g_time_ = step.t_new;
   check(VecSet(work_.get(), 0.0));
   system_.f.add_to(work_.get(), step.t_new, 0, step.h * theta_);
-  if (old_rates_) system_.f.add_to(work_.get(), step.t_old, 0, step.h * (1.0 - theta_));
+  if (theta_ != 1.0) system_.f.add_to(work_.get(), step.t_old, 0, step.h * (1.0 - theta_));
   coordinates_.to_u(work_.get(), c_.get());
-  check(MatMultAdd(plain_K_.get(), g_.get(), c_.get(), c_.get()));
+  plain_rows_.add_to(g_.get(), c_.get());
   check(VecAXPY(c_.get(), -1.0, g_old_.get()));
-  if (old_rates_) {
-    check(MatMult(old_rates_.get(), g_old_.get(), work_.get()));
+  if (theta_ != 1.0) {
+    old_rates_.multiply(g_old_.get(), work_.get());
     check(VecAXPY(c_.get(), -1.0, work_.get()));
   }
   if (jumps_ && forcing_.varies() && relative_degree_.highest > 2) add_completion(step);
@@ -158,9 +151,9 @@ void BoxOnZ::add_completion(const Step& step) {
     for (std::size_t q = 0; q < levels_.z.size(); ++q)
       placed[places_[q]] = defect[static_cast<PetscInt>(q)];
   }
-  check(MatMult(inverse_jumps_.get(), work_.get(), rhs_.get()));
+  inverse_rows_.multiply(work_.get(), rhs_.get());
   keep_lower_levels(rhs_.get());
-  check(MatMultAdd(jumps_.get(), rhs_.get(), c_.get(), c_.get()));
+  jump_rows_.add_to(rhs_.get(), c_.get());
 }
 
 void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
@@ -178,16 +171,11 @@ void BoxOnZ::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
       terms[i] = std::abs(u[i]) + std::abs(c[i]);
     }
   }
-  if (old_rates_) {
-    check(MatMultAdd(old_rates_.get(), u_.get(), rhs_.get(), rhs_.get()));
-    absolute_values(u_.get(), work_.get());
-    check(MatMultAdd(abs_old_rates_.get(), work_.get(), rhs_terms_.get(), rhs_terms_.get()));
-  }
+  if (theta_ != 1.0) old_rates_.add_product(u_.get(), rhs_.get(), rhs_terms_.get());
   if (jumps_) {
-    check(MatMult(inverse_jumps_.get(), rhs_.get(), work_.get()));
-    check(VecCopy(work_.get(), rhs_.get()));
-    check(MatMult(abs_inverse_.get(), rhs_terms_.get(), work_.get()));
-    check(VecCopy(work_.get(), rhs_terms_.get()));
+    inverse_rows_.map(rhs_.get(), rhs_terms_.get(), work_.get(), mapped_terms_.get());
+    std::swap(rhs_, work_);
+    std::swap(rhs_terms_, mapped_terms_);
   }
 }
 

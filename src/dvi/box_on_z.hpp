@@ -48,19 +48,21 @@ private:
   const RelativeDegree& relative_degree_;
   OutputForcing forcing_;
   OutputCoordinates coordinates_;
-  double theta_;                                // weight of t_{k+1}
-  Matrix plain_K_;                              // I - h theta R
-  Matrix old_rates_, abs_old_rates_;            // h (1-theta) R; empty: theta = 1
-  Matrix jumps_, inverse_jumps_, abs_inverse_;  // J, J^{-1}, its absolute values; empty: identity
-  Matrix K_;                                    // J^{-1} plain_K_
-  AffineRows rows_;                             // of K
-  std::vector<PetscInt> blocks_;                // of each unknown
-  Matrix reading_;                              // |K| up to 1; from the first step that needs it
-  std::uint64_t version_ = 0;                   // counts changes of h
-  double g_time_ = std::numeric_limits<double>::quiet_NaN();  // of g_ and g_outputs_
-  bool has_c_ = false;                                        // constant forcing: found once
-  Vector g_outputs_old_, g_outputs_, defect_;                 // layout of the outputs
-  Vector g_old_, g_, c_, rhs_, rhs_terms_, work_;             // layout of x
+  double theta_;                         // weight of t_{k+1}
+  Matrix plain_K_;                       // I - h theta R
+  AffineRows plain_rows_;                // of it
+  AffineRows old_rates_;                 // h (1-theta) R, unless theta = 1
+  Matrix jumps_, inverse_jumps_;         // J, J^{-1}; empty: identity
+  AffineRows jump_rows_, inverse_rows_;  // of them
+  Matrix K_;                             // J^{-1} plain_K_
+  AffineRows rows_;                      // of K
+  std::vector<PetscInt> blocks_;         // of each unknown
+  Matrix reading_;                       // |K| up to 1; from the first step that needs it
+  std::uint64_t version_ = 0;            // counts changes of h
+  double g_time_ = std::numeric_limits<double>::quiet_NaN();      // of g_ and g_outputs_
+  bool has_c_ = false;                                            // constant forcing: found once
+  Vector g_outputs_old_, g_outputs_, defect_;                     // layout of the outputs
+  Vector g_old_, g_, c_, rhs_, rhs_terms_, work_, mapped_terms_;  // layout of x
 };
 
 }  // namespace sweepvi

@@ -77,6 +77,8 @@ void OutputCoordinates::find_inverse() {
   inverse_ = Matrix::share(unmixed.get());
   for (int round = 1; round < relative_degree_.highest; ++round)
     inverse_ = add(unmixed.get(), -1.0, multiply(N.get(), inverse_.get()).get());
+  W_rows_ = AffineRows(W_.get());
+  inverse_rows_ = AffineRows(inverse_.get());
 }
 
 void OutputCoordinates::to_u(Vec x, Vec u) const {
@@ -85,7 +87,7 @@ void OutputCoordinates::to_u(Vec x, Vec u) const {
   } else if (diagonal_) {
     check(VecPointwiseMult(u, scale_.get(), x));
   } else {
-    check(MatMult(W_.get(), x, u));
+    W_rows_.multiply(x, u);
   }
 }
 
@@ -95,7 +97,7 @@ void OutputCoordinates::to_x(Vec u, Vec x) const {
   } else if (diagonal_) {
     check(VecPointwiseDivide(x, u, scale_.get()));
   } else {
-    check(MatMult(inverse_.get(), u, x));
+    inverse_rows_.multiply(u, x);
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "petsc/affine_rows.hpp"
 #include "sweepvi/linear_system.hpp"
 #include "sweepvi/relative_degree.hpp"
 
@@ -48,6 +49,7 @@ private:
   Vector scale_;  // W if diagonal_: entry of each output in its row of Z, 1 for other states
   bool diagonal_ = false, plain_ = false;
   Matrix W_, inverse_;  // if not diagonal_
+  AffineRows W_rows_, inverse_rows_;
 };
 
 }  // namespace sweepvi

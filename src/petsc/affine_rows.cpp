@@ -141,6 +141,20 @@ const double* AffineRows::ghosts(Vec u) const {
   return values.data();
 }
 
+void AffineRows::multiply(Vec x, Vec y) const {
+  const double* others = ghosts(x);
+  const ReadArray own(x);
+  const WriteArray result(y);
+  each_row(own.data(), others, [&](PetscInt i, const Row& products) { result[i] = products.sum; });
+}
+
+void AffineRows::add_to(Vec x, Vec y) const {
+  const double* others = ghosts(x);
+  const ReadArray own(x);
+  const WriteArray result(y);
+  each_row(own.data(), others, [&](PetscInt i, const Row& products) { result[i] += products.sum; });
+}
+
 void AffineRows::residual(Vec u, Vec b, Vec f) const {
   const double* others = ghosts(u);
   const ReadArray own(u);
@@ -201,12 +215,7 @@ void AffineRows::add_product(Vec u, Vec sum, Vec terms) const {
 }
 
 void AffineRows::map(Vec x, Vec x_terms, Vec y, Vec y_terms) const {
-  {
-    const double* others = ghosts(x);
-    const ReadArray own(x);
-    const WriteArray result(y);
-    each_row(own.data(), others, [&](PetscInt i, const Row& products) { result[i] = products.sum; });
-  }
+  multiply(x, y);
   const double* others = ghosts(x_terms);
   const ReadArray own(x_terms);
   const WriteArray result(y_terms);

@@ -30,6 +30,9 @@ public:
   /// Copies the entries of K (AIJ). @note Collective, like all that takes vectors.
   explicit AffineRows(Mat K);
 
+  /// y = K x, y += K x
+  void multiply(Vec x, Vec y) const;
+  void add_to(Vec x, Vec y) const;
   /// f = K u - b
   void residual(Vec u, Vec b, Vec f) const;
   /// terms = |K| |u| + |b|_terms
