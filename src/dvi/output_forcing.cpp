@@ -34,7 +34,8 @@ void OutputForcing::find_seen() {
     for_each_row(relative_degree_.Z.get(), [&](PetscInt, auto columns, auto values) {
       while (q >= first[a + 1])
         ++a;
-      if (q + 1 < first[a + 1]) {
+      const PetscInt above = first[a + 1] - q - 1;
+      if (above > 0 && image[q] != 0.0) {
         double seen = 0.0;
         for (std::size_t k = 0; k < columns.size(); ++k) {
           const PetscInt column = columns[k] - own.first;
@@ -43,10 +44,10 @@ void OutputForcing::find_seen() {
           values_.push_back(values[k]);
           seen += std::abs(values[k]);
         }
-        if (image[q] != 0.0) found[0] = 1;
+        seeing_.push_back({q, above, static_cast<PetscInt>(columns_.size())});
+        found[0] = 1;
         if (std::abs(image[q] - seen) > rounding * image[q]) found[1] = 1;
       }
-      starts_.push_back(static_cast<PetscInt>(columns_.size()));
       ++q;
     });
     for (std::size_t b = 0; b < relative_degree_.degree.size(); ++b)
@@ -59,7 +60,7 @@ void OutputForcing::find_seen() {
   check(VecSet(image_.get(), 0.0));
 }
 
-// image_ = Z f_, on level r only where that is not local_. f_ is 0 but where the forcing is.
+// image_ = Z f_; where that is local_, only of outputs that see something. f_ is 0 but where the forcing is.
 void OutputForcing::map_to_outputs() {
   if (!local_) {
     check(MatMult(relative_degree_.Z.get(), f_.get(), image_.get()));
@@ -67,11 +68,12 @@ void OutputForcing::map_to_outputs() {
   }
   const ReadArray f(f_.get());
   const WriteArray image(image_.get());
-  for (PetscInt q = 0; q < image.size(); ++q) {
+  std::size_t k = 0;
+  for (const Seeing& output : seeing_) {
     double sum = 0.0;
-    for (PetscInt k = starts_[static_cast<std::size_t>(q)]; k < starts_[static_cast<std::size_t>(q) + 1]; ++k)
-      sum += values_[static_cast<std::size_t>(k)] * f[columns_[static_cast<std::size_t>(k)]];
-    image[q] = sum;
+    for (; k < static_cast<std::size_t>(output.end); ++k)
+      sum += values_[k] * f[columns_[k]];
+    image[output.number] = sum;
   }
 }
 
@@ -98,23 +100,19 @@ void OutputForcing::evaluate(double t, Vec g) {
     find_image(t, p);
     const ReadArray image(image_.get());
     const WriteArray values(g);
-    for (std::size_t a = 0; a < degree.size(); ++a)
-      for (int i = p + 2; i <= degree[a]; ++i)
-        values[first[a] + i - 1] += image[first[a] + i - 2 - p];
+    for (const Seeing& output : seeing_)
+      if (output.above > p) values[output.number + 1 + p] += image[output.number];
   }
 }
 
 void OutputForcing::remaining_rate(double t, int order, Vec rate) {
-  const std::vector<PetscInt>& first = relative_degree_.first_level;
-  const std::vector<int>& degree = relative_degree_.degree;
   check(VecSet(rate, 0.0));
   for (int p = 1; p < relative_degree_.highest; ++p) {
     find_image(t, p + order);
     const ReadArray image(image_.get());
     const WriteArray values(rate);
-    for (std::size_t a = 0; a < degree.size(); ++a)
-      for (int i = p + 1; i <= degree[a]; ++i)
-        values[first[a] + i - 1] += image[first[a] + i - 1 - p];
+    for (const Seeing& output : seeing_)
+      if (output.above >= p) values[output.number + p] += image[output.number];
   }
 }
 

@@ -38,9 +38,15 @@ private:
   const RelativeDegree& relative_degree_;
   Vector f_, image_;  // layouts of x and of the outputs
   bool vanishes_ = false;
-  // Z where f is not 0, without level r, by local rows and columns; empty where f is on other ranks, too
-  bool local_ = false;
-  std::vector<PetscInt> starts_{0}, columns_;
+  /// An output below level r that sees the forcing.
+  struct Seeing {
+    PetscInt number;  // local
+    PetscInt above;   // levels above it
+    PetscInt end;     // of its entries of Z where f is not 0; they begin where those of the one before end
+  };
+  std::vector<Seeing> seeing_;
+  bool local_ = false;             // they see f of our own rank alone, and those entries are all
+  std::vector<PetscInt> columns_;  // local
   std::vector<double> values_;
 };
 
