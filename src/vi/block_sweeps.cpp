@@ -15,6 +15,7 @@ namespace sweepvi {
 namespace {
 
 constexpr int most_sweeps = 12;
+constexpr double weak = 1e-3;      // coupling that is less than what a guess is off: at first left out
 constexpr double settled = 2e-16;  // change of what a row reads, over the terms of the row
 
 }  // namespace
@@ -342,16 +343,19 @@ void BlockSweeps::refine(Vec u, Vec f) {
 // wait for. Returns the largest change of an unknown over what its row has of its own.
 double BlockSweeps::scalar_sweep(const double* u, const double* b, const double* lower, const double* upper,
                                  const double* others, double* next) const {
-  double change = 0.0;
-  rows_.each_row(u, others, [&](PetscInt i, const AffineRows::Row& products) {
-    const double sum = b[i] - products.sum;
-    const double by = inverse_diagonal_[static_cast<std::size_t>(i)];
-    next[i] = std::min(std::max(u[i] + sum * by, lower[i]), upper[i]);
-    const double moved = std::abs(next[i] - u[i]);
-    const double size = std::abs(b[i]) * by + std::abs(u[i]);
-    if (moved > change * size) change = moved / size;
+  double worst = 0.0;
+  const double* inverse = inverse_diagonal_.data();
+  rows_.each_row(u, others, [=, &worst](PetscInt i, const AffineRows::Row& products) {
+    const double by = inverse[i];
+    const double now = u[i];
+    const double right = b[i];
+    const double to = std::min(std::max(now + (right - products.sum) * by, lower[i]), upper[i]);
+    next[i] = to;
+    const double moved = std::abs(to - now);
+    const double size = std::abs(right) * by + std::abs(now);
+    if (moved > worst * size) worst = moved / size;
   });
-  return change;
+  return worst;
 }
 
 bool BlockSweeps::solve_scalars(Vec guess, Vec u, Vec b, Vec lower, Vec upper) {
@@ -360,6 +364,14 @@ bool BlockSweeps::solve_scalars(Vec guess, Vec u, Vec b, Vec lower, Vec upper) {
   const ReadArray h(upper);
   Vec from = guess;
   Vec to = u == guess ? spare_.get() : u;
+  if (rate_ <= weak) {
+    const WriteArray first(to);
+    const double* inverse = inverse_diagonal_.data();
+    for (PetscInt i = 0; i < count_; ++i)
+      first[i] = std::min(std::max(right[i] * inverse[i], l[i]), h[i]);
+    from = to;
+    to = from == u ? spare_.get() : u;
+  }
   for (int sweep = 0; sweep < most_sweeps; ++sweep) {
     const double* others = rows_.ghosts(from);
     double change = 0.0;
