@@ -13,6 +13,14 @@ double sign_or(double value, double otherwise) {
   return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : otherwise;
 }
 
+/// The signs that an oscillator has, or starts with.
+double kept_sign_s(const OscillatorState& old) {
+  return sign_or(old.s, sign_or(old.v, 1.0));
+}
+double kept_sign_v(const OscillatorState& old) {
+  return sign_or(old.v, sign_or(old.lambda_v, 1.0));
+}
+
 /// The real roots of a p^2 + b p + c, without cancellation; NaN where there is none.
 std::array<double, 2> roots(double a, double b, double c) {
   constexpr double none = std::numeric_limits<double>::quiet_NaN();
@@ -37,8 +45,8 @@ public:
   /// Calls visit(branch) until it returns true.
   template <class Visit>
   void visit(Visit&& visit) {
-    const double keep_s = sign_or(s_old_, sign_or(v_old_, 1.0));
-    const double keep_v = sign_or(v_old_, sign_or(k_.old.lambda_v, 1.0));
+    const double keep_s = kept_sign_s(k_.old);
+    const double keep_v = kept_sign_v(k_.old);
     for (const double sign_s : {keep_s, -keep_s}) {
       for (const double sign_v : {keep_v, -keep_v})
         if (visit(clipped(sign_s, sign_v))) return;
@@ -202,6 +210,10 @@ bool keep_branch(const OscillatorStep& step, Branch& branch) {
     return kept = true;
   });
   return kept;
+}
+
+bool is_first_choice(const OscillatorState& old, const Branch& branch) {
+  return branch.sign_s == kept_sign_s(old) && branch.sign_v == kept_sign_v(old);
 }
 
 bool prefers_another(const OscillatorStep& step, const OscillatorState& state) {

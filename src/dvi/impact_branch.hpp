@@ -64,6 +64,9 @@ Branch choose_branch(const OscillatorStep& step);
 /// Its state is not looked at. Whether the rule takes another one now is for prefers_another to say.
 bool keep_branch(const OscillatorStep& step, Branch& branch);
 
+/// Whether the rule asks about a branch of these signs before all others: one that fits is taken, then.
+bool is_first_choice(const OscillatorState& old, const Branch& branch);
+
 /// Whether the rule prefers another branch to `state`, a solution of the step: one that fits by more than
 /// rounding.
 bool prefers_another(const OscillatorStep& step, const OscillatorState& state);

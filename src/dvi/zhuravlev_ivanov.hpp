@@ -72,6 +72,7 @@ private:
   void choose_all(Vec guess);
   void relax(Vec guess);
   double relax_once(Vec known, const double* others, const double* other_velocities, Vec guess, bool first);
+  bool counts_on(PetscInt i, double acceleration, double force_terms) const;
   bool sweep(Vec guess, bool by_rule);
   bool is_ruled(Vec u) const;
   OscillatorState rows_of(const OscillatorStep& step, const OscillatorState& now, double acceleration) const;

@@ -85,6 +85,15 @@ void ZhuravlevIvanov::relax(Vec guess) {
   looked_at_ = Point{};
 }
 
+/// Whether an oscillator's branch was found with this acceleration, but for rounding. Below what its row's
+/// terms are, and known at little expense: 1/R <= 1/(1 - kappa).
+bool ZhuravlevIvanov::counts_on(PetscInt i, double acceleration, double force_terms) const {
+  const Branch& branch = branches_[static_cast<std::size_t>(i)];
+  const double least_terms = std::abs(branch.state.v) + 0.5 * h_ * force_terms;
+  return h_ * std::abs(acceleration - branch.acceleration) <=
+         solved * (1.0 - kappa_[static_cast<std::size_t>(i)]) * least_terms;
+}
+
 /// One sweep. @return how far accelerations were, at most, from those that oscillators had counted on, over
 /// the terms of their rows
 double ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* other_velocities, Vec guess,
@@ -96,20 +105,18 @@ double ZhuravlevIvanov::relax_once(Vec known, const double* others, const double
   const WriteArray velocity(velocity_hat_.get());
   const WriteArray a(a_.get());
   const ReadArray left(known);
+  const ReadArray sizes(force_terms_.get());
   Oscillators oscillators(*this);
   for (PetscInt i = 0; i < count(); ++i) {
     Branch& branch = branches_[static_cast<std::size_t>(i)];
     a[i] = left[i] + x_rows_.row(i, x.data(), others).sum;
     if (damped) a[i] += velocity_rows_.row(i, velocity.data(), other_velocities).sum;
-    const double by = a[i] - branch.acceleration;
-    if (!first &&
-        h_ * std::abs(by) <= solved * (1.0 - kappa_[static_cast<std::size_t>(i)]) * std::abs(branch.state.v))
-      continue;  // as below, seen at less expense
+    if (!first && counts_on(i, a[i], sizes[i])) continue;
     const OscillatorStep& step = oscillators[i];
     if (first) {
       branch = choose_branch(step);
     } else {
-      const double off = step.off(branch.state, by);
+      const double off = step.off(branch.state, a[i] - branch.acceleration);
       const double terms = step.least_terms(branch.state);
       if (off <= solved * terms) continue;
       worst = std::max(worst, off / terms);
@@ -129,17 +136,19 @@ bool ZhuravlevIvanov::sweep(Vec guess, bool by_rule) {
   {
     Oscillators oscillators(*this);
     const ReadArray a(a_.get());
+    const ReadArray old(u_.get());
+    const ReadArray sizes(force_terms_.get());
     const WriteArray values(guess);
     for (PetscInt i = 0; i < count(); ++i) {
       Branch& branch = branches_[static_cast<std::size_t>(i)];
-      const OscillatorState& now = branch.state;
+      if (by_rule ? is_first_choice(state_at(old.data(), i), branch) : counts_on(i, a[i], sizes[i])) continue;
       const OscillatorStep& step = oscillators[i];
+      const OscillatorState& now = branch.state;
       if (by_rule) {
         if (!prefers_another(step, now)) continue;
         branch = choose_branch(step);
       } else {
-        const double off = step.off(now, a[i] - branch.acceleration);
-        if (off <= solved * step.least_terms(now) || off <= solved * terms_of(step, now).v) continue;
+        if (step.off(now, a[i] - branch.acceleration) <= solved * terms_of(step, now).v) continue;
         if (!keep_branch(step, branch)) branch = choose_branch(step);
       }
       put(branch.state, values.data(), i);
