@@ -74,7 +74,7 @@ struct ForeignAllocations {
     __lsan_enable();
   }
 #else
-  ForeignAllocations() {}
+  ForeignAllocations() {}  // NOLINT(modernize-use-equals-default): or an object of it would be unused
 #endif
   ForeignAllocations(const ForeignAllocations&) = delete;
   ForeignAllocations& operator=(const ForeignAllocations&) = delete;
