@@ -250,6 +250,20 @@ class Options(InFolder):
         outcome = self.sweepvi("run", scene, *words, "-sweepvi_certificate_rtol", "1e-9")
         self.assertEqual(outcome.err, "", outcome)
 
+    def test_counters_with_and_without_the_log(self):
+        """Factorizations are counted by us, or by PETSc's log where that is asked for, also by the scene."""
+        self.write(BALL)
+        self.write(BALL + '[petsc]\noptions = "-log_view"\n', "logged.toml")
+        counts = set()
+        for words in (["scene.toml"], ["scene.toml", "-log_view"], ["logged.toml"]):
+            outcome = self.sweepvi("run", *words, "-sweepvi_predictor", "none", "--summary", "s.json", "--force")
+            self.assertEqual(outcome.code, 0, outcome)
+            self.assertEqual("SweepviJudge" in outcome.out, words != ["scene.toml"], outcome)
+            summary = program.read_json(self.folder / "s.json")
+            counts.add((summary["factorizations"], summary["linear_solves"], summary["snes_iterations"]))
+        self.assertEqual(len(counts), 1, counts)
+        self.assertGreater(min(counts.pop()), 0)
+
     def test_steps_are_not_cut_short(self):
         """-ts_max_steps 3 of 20: exit 0 and `done` would say that the scene was run to its end."""
         self.write(BALL)
