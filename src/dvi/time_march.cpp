@@ -85,7 +85,7 @@ struct TimeMarch::Impl {
       };
     };
     before.take(problem);
-    const StepReport report = hybrid->advance(interval, *solver, call(part_observer), call(event_observer));
+    StepReport report = hybrid->advance(interval, *solver, call(part_observer), call(event_observer));
     if (!report.certified) before.put_back(problem);
     return report;
   }
