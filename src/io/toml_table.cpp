@@ -139,8 +139,9 @@ void override_value(toml::table& root, const std::string& key, const std::string
       return;
     }
     if (!ours->is_table())
-      throw InputError(fmt::format("{}: {} {}, not a table", label,
-                                   fmt::join(words.begin(), words.begin() + i + 1, "."), found(*ours)));
+      throw InputError(fmt::format(
+          "{}: {} {}, not a table", label,
+          fmt::join(words.begin(), words.begin() + static_cast<std::ptrdiff_t>(i) + 1, "."), found(*ours)));
     to = ours->as_table();
     from = theirs->as_table();
   }
