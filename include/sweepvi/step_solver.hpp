@@ -10,6 +10,7 @@
 namespace sweepvi {
 
 class BlockSweeps;
+class RowSweeps;
 class PathPredictor;
 class Certificate;
 class JudgedPoint;
@@ -153,6 +154,7 @@ private:
   bool predict();
   bool sweep();
   bool prepare_sweeps(const AffineStep& affine);
+  bool sweep_rows(const AffineStep& affine);
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
   std::vector<Rung> ladder(bool brief);
@@ -175,6 +177,7 @@ private:
   Matrix jacobian_;
   std::unique_ptr<Certificate> judge_;
   std::unique_ptr<JudgedPoint> judged_;  // by judge_, with F in f_
+  std::unique_ptr<RowSweeps> row_sweeps_;
   std::unique_ptr<BlockSweeps> sweeps_;
   std::uint64_t swept_version_ = 0;  // of the Jacobian that sweeps_ is for
   std::unique_ptr<PathPredictor> paths_;

@@ -40,6 +40,7 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
   }
   rows_ = AffineRows(K_.get());
   blocks_ = small_blocks(system.block, system.states());
+  block_rows_ = BlockRows(rows_, blocks_);
 
   // u_0 = W x_0 + g(t_0)
   place_forcing(t_start, g_.get());
@@ -71,6 +72,7 @@ bool BoxOnZ::set_step(double h) {
     return false;
   }
   rows_ = AffineRows(K_.get());
+  block_rows_ = BlockRows(rows_, blocks_);
   reading_.reset();
   has_c_ = false;
   ++version_;
@@ -192,7 +194,10 @@ void BoxOnZ::residual_and_terms(Vec u, Vec f, Vec terms) {
 }
 
 RowRatios BoxOnZ::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
-  const auto judge = [&] { return rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms); };
+  const auto judge = [&] {
+    return block_rows_.small() ? block_rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms)
+                               : rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms);
+  };
   const RowRatios rows = judge();
   int moved = put_held(u, terms) ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm());

@@ -8,6 +8,7 @@
 #include "dvi/output_forcing.hpp"
 #include "petsc/affine_rows.hpp"
 #include "sweepvi/linear_dvi.hpp"
+#include "vi/block_rows.hpp"
 
 namespace sweepvi {
 
@@ -29,7 +30,7 @@ public:
   void row_terms(Vec u, Vec terms) override;
   void residual_and_terms(Vec u, Vec f, Vec terms) override;
   RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
-  AffineStep affine() const override { return {&rows_, rhs_.get(), &blocks_}; }
+  AffineStep affine() const override { return {&rows_, rhs_.get(), &blocks_, &block_rows_}; }
   bool spread_terms(Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }
@@ -57,6 +58,7 @@ private:
   Matrix K_;                             // J^{-1} plain_K_
   AffineRows rows_;                      // of K
   std::vector<PetscInt> blocks_;         // of each unknown
+  BlockRows block_rows_;                 // the same by them
   Matrix reading_;                       // |K| up to 1; from the first step that needs it
   std::uint64_t version_ = 0;            // counts changes of h
   double g_time_ = std::numeric_limits<double>::quiet_NaN();      // of g_ and g_outputs_

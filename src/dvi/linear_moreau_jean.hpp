@@ -32,7 +32,7 @@ public:
   void residual_and_terms(Vec u, Vec f, Vec terms) override;
   RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
   AffineStep affine() const override {
-    if (dual_) return {&rows_, rhs_.get(), nullptr, &level_of_unknown_, &pinned_, rows_version_};
+    if (dual_) return {&rows_, rhs_.get(), nullptr, nullptr, &level_of_unknown_, &pinned_, rows_version_};
     return {&rows_, rhs_.get(), &blocks_};
   }
   void jacobian(Vec u, Mat jacobian) override;

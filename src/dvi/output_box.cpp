@@ -70,21 +70,28 @@ bool OutputBox::put_held(Vec u, Vec row_terms_of_u) {
   const WriteArray values(u);
   crowded_ = {};
   for (std::size_t a = 0; a < levels_.constraints(); ++a) {
+    const PetscInt* const places = &places_[levels_.at(a, 1)];
     // Terms seen through the levels above: z_i = z_{i,k} + h z_{i+1}, where z_{i+1} is only known up to its
     // own terms.
     double scale = 0.0;
-    for (int i = levels_.levels(a); i >= 1; --i) {
-      const PetscInt at = place(a, i);
+    int i = levels_.levels(a);
+    for (; i > levels_.level[a]; --i)
+      scale = terms[places[i - 1]] + h_ * scale;
+    for (; i >= 1; --i) {
+      const PetscInt at = places[i - 1];
       scale = terms[at] + h_ * scale;
       const Interval box = levels_.box(a, i);
+      const double near = held_rtol * scale;
+      double& value = values[at];
+      if (value > box.lower + near && value < box.upper - near) continue;
       for (const double bound : {box.upper, box.lower})
-        if (values[at] != bound && std::abs(values[at] - bound) <= held_rtol * scale) {
-          values[at] = bound;
+        if (value != bound && std::abs(value - bound) <= near) {
+          value = bound;
           moved = true;
         }
-      if (values[at] == box.lower || values[at] == box.upper) held_terms_[levels_.at(a, i)] = terms[at];
-      if (i == 1 && (values[at] == box.lower || values[at] == box.upper))
-        stands_at_wall(a, held_rtol * scale);
+      if (value != box.lower && value != box.upper) continue;
+      held_terms_[levels_.at(a, i)] = terms[at];
+      if (i == 1) stands_at_wall(a, near);
     }
   }
   return moved;
@@ -96,17 +103,21 @@ void OutputBox::take(Vec u, Vec f, const std::vector<double>& gains) {
     const ReadArray residual(f);
     std::fill(levels_.mu.begin(), levels_.mu.end(), 0.0);
     for (std::size_t a = 0; a < levels_.constraints(); ++a) {
-      for (int i = 1; i <= levels_.levels(a); ++i) {
-        const PetscInt at = place(a, i);
+      const std::size_t first = levels_.at(a, 1);
+      const PetscInt* const places = &places_[first];
+      const int levels = levels_.levels(a);
+      for (int i = 0; i < levels; ++i)
+        z_new_[first + static_cast<std::size_t>(i)] = values[places[i]];
+      levels_.w[a] = values[places[0]];
+      for (int i = 1; i <= levels_.level[a]; ++i) {
+        const PetscInt at = places[i - 1];
         const double z = values[at];
-        z_new_[levels_.at(a, i)] = z;
         const Interval box = levels_.box(a, i);
         const double noise = held_rtol * held_terms_[levels_.at(a, i)];
         const bool holds =
             (z <= box.lower && residual[at] > noise) || (z >= box.upper && residual[at] < -noise);
-        if (holds) levels_.measure(a, i) = residual[at] / (i == levels_.levels(a) ? gains[a] : 1.0);
+        if (holds) levels_.measure(a, i) = residual[at] / (i == levels ? gains[a] : 1.0);
       }
-      levels_.w[a] = z_new_[levels_.at(a, 1)];
     }
     levels_.advance(z_new_);
   }

@@ -16,6 +16,7 @@
 #include "vi/outer_linearisation.hpp"
 #include "vi/path_sweeps.hpp"
 #include "vi/predictor.hpp"
+#include "vi/row_sweeps.hpp"
 
 namespace sweepvi {
 
@@ -265,11 +266,24 @@ double StepSolver::settle() {
 bool StepSolver::prepare_sweeps(const AffineStep& affine) {
   if (affine.rows == nullptr || affine.block == nullptr) return false;
   if (!sweeps_ || swept_version_ != problem_.jacobian_version()) {
+    row_sweeps_ = affine.block_rows != nullptr ? std::make_unique<RowSweeps>(problem_.comm(), *affine.block_rows, problem_.degenerate()) : nullptr;
     sweeps_ =
         std::make_unique<BlockSweeps>(problem_.comm(), *affine.rows, *affine.block, problem_.degenerate());
     swept_version_ = problem_.jacobian_version();
   }
-  return sweeps_->worthwhile();
+  return sweeps_->worthwhile() || (row_sweeps_ && row_sweeps_->worthwhile());
+}
+
+// Row by row, where diagonals govern.
+bool StepSolver::sweep_rows(const AffineStep& affine) {
+  constexpr int most_rounds = 2;
+  if (!row_sweeps_ || !row_sweeps_->worthwhile()) return false;
+  check(VecCopy(guess_.get(), u_.get()));
+  for (int round = 0; round < most_rounds; ++round) {
+    row_sweeps_->solve(u_.get(), affine.right_side, lower_.get(), upper_.get());
+    if (settle() <= certificate_.target) return true;
+  }
+  return false;
 }
 
 // By blocks, where the step has some that read each other weakly.
@@ -278,6 +292,8 @@ bool StepSolver::sweep() {
   if (!predictor_options_.sweeps) return false;
   const AffineStep affine = problem_.affine();
   if (!prepare_sweeps(affine)) return false;
+  if (sweep_rows(affine)) return true;
+  if (!sweeps_->worthwhile()) return false;
   bool refines = false;
   for (int round = 0; round < most_rounds; ++round) {
     Vec start = round == 0 ? guess_.get() : u_.get();
