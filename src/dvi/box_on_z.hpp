@@ -3,6 +3,7 @@
 #include <limits>
 #include <vector>
 
+#include "dvi/forced_increment.hpp"
 #include "dvi/output_box.hpp"
 #include "dvi/output_coordinates.hpp"
 #include "dvi/output_forcing.hpp"
@@ -35,36 +36,35 @@ public:
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }
   void accept(Vec u, Vec f) override;
+  Vec x() const override;
   void visit(StateVisitor& visitor) override;
   bool set_step(double h) override;
 
 private:
   PetscInt number_of(std::size_t a) const override { return system_.constraint_order[a]; }
-  void place_forcing(double t, Vec g_x);
-  void find_c(const Step& step);
-  void make_rates();
-  void add_completion(const Step& step);
+  Matrix make_rates();
+  void find_g(double t, Vec g) const;
 
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
-  OutputForcing forcing_;
+  mutable OutputForcing forcing_;
   OutputCoordinates coordinates_;
   double theta_;                         // weight of t_{k+1}
-  Matrix plain_K_;                       // I - h theta R
-  AffineRows plain_rows_;                // of it
   AffineRows old_rates_;                 // h (1-theta) R, unless theta = 1
   Matrix jumps_, inverse_jumps_;         // J, J^{-1}; empty: identity
-  AffineRows jump_rows_, inverse_rows_;  // of them
+  AffineRows inverse_rows_;
+  ForcedIncrement increment_;
   Matrix K_;                             // J^{-1} plain_K_
   AffineRows rows_;                      // of K
   std::vector<PetscInt> blocks_;         // of each unknown
   BlockRows block_rows_;                 // the same by them
   Matrix reading_;                       // |K| up to 1; from the first step that needs it
   std::uint64_t version_ = 0;            // counts changes of h
-  double g_time_ = std::numeric_limits<double>::quiet_NaN();      // of g_ and g_outputs_
-  bool has_c_ = false;                                            // constant forcing: found once
-  Vector g_outputs_old_, g_outputs_, defect_;                     // layout of the outputs
-  Vector g_old_, g_, c_, rhs_, rhs_terms_, work_, mapped_terms_;  // layout of x
+  double t_new_ = 0.0, t_ = 0.0;         // end of the step that was begun, time of u_
+  mutable bool knows_x_ = true;
+  mutable Vector g_outputs_;  // layout of the outputs; from the first time that needs it
+  mutable Vector work_;
+  Vector c_, rhs_, rhs_terms_, mapped_terms_;
 };
 
 }  // namespace sweepvi

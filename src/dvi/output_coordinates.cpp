@@ -101,6 +101,18 @@ void OutputCoordinates::to_x(Vec u, Vec x) const {
   }
 }
 
+Matrix OutputCoordinates::W() const {
+  if (!diagonal_) return Matrix::share(W_.get());
+  const PetscInt first = row_range(system_.A.get()).first;
+  const ReadArray scale(scale_.get());
+  RowBuilder rows;
+  for (PetscInt i = 0; i < scale.size(); ++i) {
+    rows.add(first + i, scale[i]);
+    rows.end_row();
+  }
+  return rows.finish(system_.comm(), scale.size());
+}
+
 Matrix OutputCoordinates::companion() const {
   const LocalRange states = row_range(system_.A.get());
   const std::vector<PetscInt>& first = relative_degree_.first_level;

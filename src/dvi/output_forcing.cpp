@@ -1,5 +1,6 @@
 #include "dvi/output_forcing.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "petsc/sparse.hpp"
@@ -54,6 +55,9 @@ void OutputForcing::find_seen() {
       if (w0[static_cast<PetscInt>(b)] != 0.0) found[0] = 1;
   }
   MPI_Allreduce(MPI_IN_PLACE, found, 2, MPI_INT, MPI_LOR, system_.comm());
+  for (const Seeing& output : seeing_)
+    most_above_ = std::max(most_above_, output.above);
+  MPI_Allreduce(MPI_IN_PLACE, &most_above_, 1, MPIU_INT, MPI_MAX, system_.comm());
   vanishes_ = found[0] == 0;
   local_ = found[1] == 0;
   check(VecSet(f_.get(), 0.0));
@@ -82,6 +86,7 @@ void OutputForcing::find_image(double t, int order) {
   system_.f.clear(f_.get());
   system_.f.add_to(f_.get(), t, order, 1.0);
   map_to_outputs();
+  image_time_ = order == 0 ? t : std::numeric_limits<double>::quiet_NaN();
 }
 
 void OutputForcing::evaluate(double t, Vec g) {
@@ -95,9 +100,9 @@ void OutputForcing::evaluate(double t, Vec g) {
       if (degree[a] > 0) values[first[a]] = w0[static_cast<PetscInt>(a)];
   }
   if (!system_.f.any) return;
-  const int highest_derivative = system_.f.varies ? relative_degree_.highest - 2 : 0;
-  for (int p = 0; p <= highest_derivative; ++p) {
-    find_image(t, p);
+  const PetscInt derivatives = system_.f.varies ? most_above_ : std::min<PetscInt>(most_above_, 1);
+  for (PetscInt p = derivatives; p-- > 0;) {  // f itself last: its image may be asked for again
+    find_image(t, static_cast<int>(p));
     const ReadArray image(image_.get());
     const WriteArray values(g);
     for (const Seeing& output : seeing_)
@@ -117,10 +122,13 @@ void OutputForcing::remaining_rate(double t, int order, Vec rate) {
 }
 
 void OutputForcing::increment_defect(const Step& step, double theta, Vec g_old, Vec g_new, Vec defect) {
-  system_.f.clear(f_.get());
-  system_.f.add_to(f_.get(), step.t_new, 0, theta);
-  if (theta != 1.0) system_.f.add_to(f_.get(), step.t_old, 0, 1.0 - theta);
-  map_to_outputs();
+  if (theta != 1.0 || image_time_ != step.t_new) {
+    system_.f.clear(f_.get());
+    system_.f.add_to(f_.get(), step.t_new, 0, theta);
+    if (theta != 1.0) system_.f.add_to(f_.get(), step.t_old, 0, 1.0 - theta);
+    map_to_outputs();
+    image_time_ = std::numeric_limits<double>::quiet_NaN();
+  }
   const ReadArray image(image_.get());
   const ReadArray before(g_old);
   const ReadArray after(g_new);

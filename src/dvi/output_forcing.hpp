@@ -1,5 +1,7 @@
 #pragma once
 
+#include <limits>
+
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/linear_system.hpp"
 #include "sweepvi/relative_degree.hpp"
@@ -37,6 +39,7 @@ private:
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
   Vector f_, image_;  // layouts of x and of the outputs
+  double image_time_ = std::numeric_limits<double>::quiet_NaN();  // image_ is Z f then
   bool vanishes_ = false;
   /// An output below level r that sees the forcing.
   struct Seeing {
@@ -45,6 +48,7 @@ private:
     PetscInt end;     // of its entries of Z where f is not 0; they begin where those of the one before end
   };
   std::vector<Seeing> seeing_;
+  PetscInt most_above_ = 0;        // of all ranks
   bool local_ = false;             // they see f of our own rank alone, and those entries are all
   std::vector<PetscInt> columns_;  // local
   std::vector<double> values_;
