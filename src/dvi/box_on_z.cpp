@@ -126,8 +126,7 @@ void BoxOnZ::residual_and_terms(Vec u, Vec f, Vec terms) {
 
 RowRatios BoxOnZ::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
   const auto judge = [&] {
-    return block_rows_.small() ? block_rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms)
-                               : rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms);
+    return block_rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms);
   };
   const RowRatios rows = judge();
   int moved = put_held(u, terms) ? 1 : 0;

@@ -58,10 +58,12 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
   for (Vector* vector : {&scale_, &forces_, &theta_forces_, &part_, &abs_})
     *vector = duplicate(q_.get());
   assemble();
+  if (system.C) damping_ = AffineRows(system.C.get());
   first_row_ = row_range(matrix_.get()).first;
   if (!dual) {
     find_places();
     blocks_ = small_blocks(system.block, system.coordinates());
+    block_rows_ = BlockRows(rows_, blocks_);
   }
   check(MatCreateVecs(matrix_.get(), u_.put(), nullptr));
   for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_, &known_})
@@ -100,6 +102,7 @@ void LinearMoreauJean::assemble() {
   const Matrix J = scaled(1.0, h_ * theta_, h_ * h_ * theta_ * theta_);
   matrix_ = dual_ ? saddle(J.get()) : Matrix::share(J.get());
   rows_ = AffineRows(matrix_.get());
+  if (!blocks_.empty()) block_rows_ = BlockRows(rows_, blocks_);
   if (dual_) {
     abs_matrix_ = absolute_copy(matrix_.get());
     ++rows_version_;
@@ -207,8 +210,7 @@ Matrix LinearMoreauJean::create_jacobian() const {
 void LinearMoreauJean::find_theta_forces(const Step& step) {
   const WriteArray values(theta_forces_.get());
   std::fill_n(values.data(), values.size(), 0.0);
-  system_.f.add_varying_to(values.data(), step.t_new, 0, theta_);
-  if (theta_ != 1.0) system_.f.add_varying_to(values.data(), step.t_old, 0, 1.0 - theta_);
+  system_.f.add_varying_to(values.data(), step.t_new, theta_, step.t_old, 1.0 - theta_);
 }
 
 void LinearMoreauJean::find_rhs(const Step& step) {
@@ -372,7 +374,9 @@ void LinearMoreauJean::settle(Vec u) {
 
 RowRatios LinearMoreauJean::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
   if (dual_) return Dvi::settle_and_judge(u, lower, upper, f, terms);
-  const auto judge = [&] { return rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms); };
+  const auto judge = [&] {
+    return block_rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms);
+  };
   const RowRatios rows = judge();
   int moved = put_held(u, terms) ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm());
@@ -391,11 +395,12 @@ bool LinearMoreauJean::put_held(Vec u, Vec terms) {
     value = to;
   };
   for (std::size_t a = 0; a < contacts_.size(); ++a) {
+    if (!dual_ && !contacts_.detected(a)) continue;
     const PetscInt i = row(a);
     if (dual_) {
       const bool open = f[i] > values[i] && f[i] > held_rtol * scale[i];
       if (pinned(a) || values[i] < 0.0 || open) put(values[i], 0.0);
-    } else if (contacts_.detected(a)) {
+    } else {
       const double bound = contacts_.rebound(a) / weight_[a];
       held_terms_[a] = scale[i];
       if (std::abs(values[i] - bound) <= held_rtol * scale[i]) put(values[i], bound);
@@ -464,20 +469,20 @@ void LinearMoreauJean::take_velocities(Vec u, Vec f) {
   const ReadArray residual(f);
   const ReadArray values(u);
   const ReadArray scale(scale_.get());
-  for (std::size_t a = 0; a < contacts_.size(); ++a) {
-    const PetscInt i = row(a);
-    const double weight = weight_[a];
-    if (contacts_.detected(a)) {
-      const double rebound = contacts_.rebound(a);
-      if (values[i] == rebound / weight) {
+  const double* const now = values.data();
+  const PetscInt* const place = place_.data();
+  const double* const weight = weight_.data();
+  contacts_.each_open(
+      h_, theta_, [=](std::size_t a) { return weight[a] * now[place[a]]; },
+      [&](std::size_t a) {
+        const double rebound = contacts_.rebound(a);
+        const PetscInt i = place[a];
+        if (now[i] != rebound / weight[a]) return false;
         const double noise = held_rtol * held_terms_[a];
-        const bool pushes = residual[i] * weight > noise * std::abs(weight);
-        move_contact(a, true, pushes ? residual[i] / (scale[i] * weight) : 0.0, rebound);
-        continue;
-      }
-    }
-    move_contact(a, false, 0.0, weight * values[i]);
-  }
+        const bool pushes = residual[i] * weight[a] > noise * std::abs(weight[a]);
+        move_contact(a, true, pushes ? residual[i] / (scale[i] * weight[a]) : 0.0, rebound);
+        return true;
+      });
 }
 
 // What a step loses and gains besides impacts. With x_theta = mean + (theta - 1/2) dx, the product of the
@@ -487,7 +492,14 @@ void LinearMoreauJean::account() {
     check(MatMult(matrix, y.get(), part_.get()));
     return local_dot(x.get(), part_.get());
   };
-  if (system_.C) lost_.damping += form(system_.C.get(), dq_, dq_) / h_;
+  if (system_.C) {
+    const double* const others = damping_.ghosts(dq_.get());
+    const ReadArray dq(dq_.get());
+    double sum = 0.0;
+    damping_.each_row(dq.data(), others,
+                      [&](PetscInt j, const AffineRows::Row& pull) { sum += dq[j] * pull.sum; });
+    lost_.damping += sum / h_;
+  }
   if (system_.f.varies) lost_.work += local_dot(dq_.get(), theta_forces_.get());
   if (circulatory_) {
     check(VecWAXPY(abs_.get(), 0.5, dq_.get(), q_.get()));

@@ -5,6 +5,7 @@
 
 #include "dvi/moreau_jean.hpp"
 #include "petsc/affine_rows.hpp"
+#include "vi/block_rows.hpp"
 
 namespace sweepvi {
 
@@ -33,7 +34,7 @@ public:
   RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
   AffineStep affine() const override {
     if (dual_) return {&rows_, rhs_.get(), nullptr, nullptr, &level_of_unknown_, &pinned_, rows_version_};
-    return {&rows_, rhs_.get(), &blocks_};
+    return {&rows_, rhs_.get(), &blocks_, &block_rows_};
   }
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }
@@ -82,8 +83,10 @@ private:
   Matrix abs_matrix_;                              // primal-dual
   AffineRows rows_;                                // of matrix_
   std::vector<PetscInt> blocks_;                   // of each unknown, box on v
+  BlockRows block_rows_;                           // the same by them
   AffineRows of_v_;                                // d^-1 (M - h (1-theta) C - h^2 theta (1-theta) K)
   AffineRows of_q_;                                // -h d^-1 K
+  AffineRows damping_;                             // C
   Matrix circulatory_;                             // (K - K') / 2, or empty
   Matrix pushes_, abs_pushes_;                     // d^-1 H' delta^-1, primal-dual
   Vector nu_, abs_nu_;                             // multipliers alone, primal-dual

@@ -1,6 +1,7 @@
 #include "dvi/moreau_jean.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "petsc/sparse.hpp"
 #include "sweepvi/scheme.hpp"
@@ -22,15 +23,17 @@ MoreauJean::MoreauJean(MPI_Comm comm, const MoreauJeanOptions& options, double h
   check(VecCopy(v0, v_.get()));
   check(VecGetLocalSize(q0, &local_));
   x_ = make_vector(comm, 2 * local_);
-  set_x();
 }
 
-void MoreauJean::set_x() {
+// When somebody asks.
+Vec MoreauJean::x() const {
+  if (std::exchange(knows_x_, true)) return x_.get();
   const ReadArray q(q_.get());
   const ReadArray v(v_.get());
   const WriteArray x(x_.get());
   std::copy_n(q.data(), local_, x.data());
   std::copy_n(v.data(), local_, x.data() + local_);
+  return x_.get();
 }
 
 void MoreauJean::find_increments(Vec u) {
@@ -50,13 +53,11 @@ void MoreauJean::advance(Vec u) {
   const ReadArray dq(dq_.get());
   const WriteArray v(v_.get());
   const WriteArray q(q_.get());
-  const WriteArray x(x_.get());
   for (PetscInt j = 0; j < local_; ++j) {
     q[j] += dq[j];
     v[j] = v_new[j];
-    x[j] = q[j];
-    x[local_ + j] = v_new[j];
   }
+  knows_x_ = false;
 }
 
 // The unknowns are the velocities, and multipliers if there are any: where the next step starts from.
@@ -82,7 +83,7 @@ void MoreauJean::visit(StateVisitor& visitor) {
     visitor.visit("nu", Belongs::constraint, nu);
     if (dual) std::copy(nu.begin(), nu.end(), u.data() + local_);
   }
-  if (visitor.replaces()) set_x();
+  knows_x_ = false;
 }
 
 }  // namespace sweepvi

@@ -16,7 +16,7 @@ class MoreauJean : public MechanicalDvi {
 public:
   MPI_Comm comm() const final { return comm_; }
   Vec state() const final { return u_.get(); }
-  Vec x() const final { return x_.get(); }
+  Vec x() const final;
   Vec position() const final { return q_.get(); }
   Vec velocity() const final { return v_.get(); }
   const std::vector<double>& w() const final { return contacts_.gap; }
@@ -50,7 +50,7 @@ protected:
   Vector u_, x_, q_, v_, dq_, dv_;
 
 private:
-  void set_x();
+  mutable bool knows_x_ = false;
   std::vector<double> no_outputs_;
 };
 

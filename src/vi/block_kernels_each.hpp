@@ -23,6 +23,11 @@ public:
   std::ptrdiff_t first() const { return first_; }
   const BlockModel::Row* rows() const { return model_.rows + kind_.rows; }
   const BlockModel::Entry* entries() const { return model_.entries + kind_.entries; }
+  /// The row of its block, and where what it reads of its block ends: a block of one reads nothing.
+  static int place(const BlockModel::Row& row) { return Fixed == 1 ? 0 : row.row; }
+  const BlockModel::Entry* end_of(const BlockModel::Row& row) const {
+    return entries() + (Fixed == 1 ? 0 : row.end);
+  }
   Number load(const double* vector, int i) const { return Number::load(vector + first_ + i, size()); }
   void store(const Number& value, double* vector, int i) const { value.store(vector + first_ + i, size()); }
 
@@ -43,7 +48,7 @@ public:
         sum = sum + product;
         terms = terms + product.absolute();
       }
-      visit(reader[j], sum, terms);
+      visit(Fixed == 1 ? 0 : reader[j], sum, terms);
     }
   }
 
@@ -72,13 +77,51 @@ private:
       }
     }
     for (int j = 0; j < readers; ++j)
-      visit(reader[j], Number::load(sums + j * Number::width, 1), Number::load(terms + j * Number::width, 1));
+      visit(Fixed == 1 ? 0 : reader[j], Number::load(sums + j * Number::width, 1), Number::load(terms + j * Number::width, 1));
   }
 
   const BlockModel& model_;
   const BlockModel::Run& run_;
   const BlockModel::Kind kind_;
   std::ptrdiff_t block_, first_;
+};
+
+/// F and its terms in a row, and what they make of u, as RowJudge has it. The natural residual goes to
+/// `natural`; flags are gathered.
+template <class Number>
+struct RowLook {
+  typename Number::Mask exceeds = Number(0.0) < Number(0.0);
+  typename Number::Mask by_distance = exceeds, outside = exceeds;
+  Number not_finite = 0.0;
+  Number worst;
+  explicit RowLook(const BlockJudge& judge) : worst(judge.worst) {}
+
+  [[gnu::always_inline]] Number look(const Number& u, const Number& f, const Number& terms, const Number& lower, const Number& upper) {
+    constexpr double huge = 1.7976931348623157e308 / 4;  // PETSC_INFINITY: no bound
+    const double infinity = __builtin_inf();
+    const Number from_lower = Number::choose(Number(-huge) < lower, u - lower, Number(infinity));
+    const Number from_upper = Number::choose(upper < Number(huge), u - upper, Number(-infinity));
+    const Number natural = Number::larger(Number::smaller(f, from_lower), from_upper).absolute();
+    not_finite = not_finite + Number(0.0) * f + Number(0.0) * terms;
+    exceeds |= worst * terms < natural;
+    by_distance |= (natural < f.absolute()) & (Number(0.0) < natural);
+    outside |= u < lower;
+    outside |= upper < u;
+    return natural;
+  }
+  /// @return whether some row is worse than any before
+  bool tell(BlockJudge& judge) const {
+    judge.by_distance = judge.by_distance || by_distance.any();
+    judge.outside = judge.outside || outside.any();
+    for (int lane = 0; lane < Number::width; ++lane)
+      judge.not_finite += not_finite[lane];
+    return exceeds.any();
+  }
+  static void take_worst(const Number& natural, const Number& terms, BlockJudge& judge) {
+    for (int lane = 0; lane < Number::width; ++lane)
+      if (natural[lane] > judge.worst * terms[lane])
+        judge.worst = natural[lane] / terms[lane];  // terms = 0: infinite, as it should be
+  }
 };
 
 /// Rounds over the rows of a block; in the last one, where `Watches`, whether something has moved since
@@ -103,27 +146,27 @@ bool sweep_pack(const Pack<Number, Fixed>& pack, const BlockSweep& sweep) {
                      if (Watches) known[row] = known[row] + terms;
                    });
   const BlockModel::Row* const rows = pack.rows();
-  const BlockModel::Entry* const entries = pack.entries();
   const auto project = [&](int i, const Number& to) {
     return Number::smaller(Number::larger(to, lower[i]), upper[i]);
   };
   for (int round = Watches ? 1 : 0; round < sweep.rounds; ++round) {
-    const BlockModel::Entry* entry = entries;
+    const BlockModel::Entry* entry = pack.entries();
     for (const BlockModel::Row* row = rows; row < rows + size; ++row) {
-      Number sum = right[row->row];
-      for (const BlockModel::Entry* const end = entries + row->end; entry < end; ++entry)
+      const int i = pack.place(*row);
+      Number sum = right[i];
+      for (const BlockModel::Entry* const end = pack.end_of(*row); entry < end; ++entry)
         sum = sum - Number(entry->value) * u[entry->column];
-      u[row->row] = project(row->row, Number(row->inverse) * sum);
+      u[i] = project(i, Number(row->inverse) * sum);
     }
   }
   typename Number::Mask moved = Number(0.0) < Number(0.0);
   if (Watches) {
-    const BlockModel::Entry* entry = entries;
+    const BlockModel::Entry* entry = pack.entries();
     for (const BlockModel::Row* row = rows; row < rows + size; ++row) {
-      const int i = row->row;
+      const int i = pack.place(*row);
       Number sum = right[i];
       Number terms = known[i];
-      for (const BlockModel::Entry* const end = entries + row->end; entry < end; ++entry) {
+      for (const BlockModel::Entry* const end = pack.end_of(*row); entry < end; ++entry) {
         const Number product = Number(entry->value) * u[entry->column];
         sum = sum - product;
         terms = terms + product.absolute();
@@ -139,12 +182,9 @@ bool sweep_pack(const Pack<Number, Fixed>& pack, const BlockSweep& sweep) {
   return Watches && moved.any();
 }
 
-// As RowJudge does, row by row.
 template <class Number, int Fixed>
 void judge_pack(const Pack<Number, Fixed>& pack, BlockJudge& judge) {
-  constexpr double huge = 1.7976931348623157e308 / 4;  // PETSC_INFINITY: no bound
   constexpr int most = Fixed > 0 ? Fixed : BlockKernels::largest;
-  const double infinity = __builtin_inf();
   const int size = pack.size();
   Number u[most], sum[most], terms[most];  // NOLINT
   for (int i = 0; i < size; ++i) {
@@ -156,19 +196,14 @@ void judge_pack(const Pack<Number, Fixed>& pack, BlockJudge& judge) {
     sum[row] = sum[row] + read;
     terms[row] = terms[row] + its_terms;
   });
-  const BlockModel::Entry* const entries = pack.entries();
-  const BlockModel::Entry* entry = entries;
-  const Number worst = judge.worst;
-  typename Number::Mask exceeds = Number(0.0) < Number(0.0);
-  typename Number::Mask by_distance = exceeds;
-  typename Number::Mask outside = exceeds;
-  Number not_finite = 0.0;
+  const BlockModel::Entry* entry = pack.entries();
+  RowLook<Number> rows_look(judge);
   for (const BlockModel::Row* row = pack.rows(); row < pack.rows() + size; ++row) {
-    const int i = row->row;
+    const int i = pack.place(*row);
     Number product = Number(row->diagonal) * u[i];
     Number f = product;
     Number all = product.absolute();
-    for (const BlockModel::Entry* const end = entries + row->end; entry < end; ++entry) {
+    for (const BlockModel::Entry* const end = pack.end_of(*row); entry < end; ++entry) {
       product = Number(entry->value) * u[entry->column];
       f = f + product;
       all = all + product.absolute();
@@ -177,63 +212,172 @@ void judge_pack(const Pack<Number, Fixed>& pack, BlockJudge& judge) {
     all = all + terms[i];
     pack.store(f, judge.f, i);
     pack.store(all, judge.terms, i);
-    const Number lower = pack.load(judge.lower, i);
-    const Number upper = pack.load(judge.upper, i);
-    const Number from_lower = Number::choose(Number(-huge) < lower, u[i] - lower, Number(infinity));
-    const Number from_upper = Number::choose(upper < Number(huge), u[i] - upper, Number(-infinity));
-    const Number natural = Number::larger(Number::smaller(f, from_lower), from_upper).absolute();
-    not_finite = not_finite + Number(0.0) * f + Number(0.0) * all;
-    exceeds |= worst * all < natural;
-    by_distance |= (natural < f.absolute()) & (Number(0.0) < natural);
-    outside |= u[i] < lower;
-    outside |= upper < u[i];
-    sum[i] = natural;
+    sum[i] = rows_look.look(u[i], f, all, pack.load(judge.lower, i), pack.load(judge.upper, i));
     terms[i] = all;
   }
-  judge.by_distance = judge.by_distance || by_distance.any();
-  judge.outside = judge.outside || outside.any();
-  for (int lane = 0; lane < Number::width; ++lane)
-    judge.not_finite += not_finite[lane];
-  if (!exceeds.any()) return;
+  if (!rows_look.tell(judge)) return;
   for (int i = 0; i < size; ++i)
-    for (int lane = 0; lane < Number::width; ++lane)
-      if (sum[i][lane] > judge.worst * terms[i][lane])
-        judge.worst = sum[i][lane] / terms[i][lane];  // terms = 0: infinite, as it should be
+    RowLook<Number>::take_worst(sum[i], terms[i], judge);
 }
 
-template <int Fixed>
-void sweep_run(const BlockModel& model, const BlockModel::Run& run, BlockSweep& sweep) {
+/// Blocks of one unknown that read others alike: rows of one kind, Count entries besides the diagonal. What
+/// is read of the model then stays in registers.
+template <int Count>
+struct SingleRows {
+  SingleRows(const BlockModel& model, const BlockModel::Run& run) {
+    const BlockModel::Row& row = model.rows[model.kinds[run.kind].rows];
+    const BlockModel::FarEntry* const entries = model.far + model.readings[run.reading].entries;
+    diagonal = row.diagonal;
+    inverse = row.inverse;
+    for (int k = 0; k < Count; ++k) {
+      value[k] = entries[k].value;
+      offset[k] = entries[k].offset;
+    }
+  }
+  /// What the rows from `at` on read of others, and the sum of the absolute values.
+  template <class Number>
+  void read(const double* at, Number& sum, Number& terms) const {
+    sum = terms = 0.0;
+    for (int k = 0; k < Count; ++k) {
+      const Number product = Number(value[k]) * Number::load(at + offset[k], 1);
+      sum = sum + product;
+      terms = terms + product.absolute();
+    }
+  }
+  double diagonal, inverse;
+  double value[Count > 0 ? Count : 1];          // NOLINT
+  std::ptrdiff_t offset[Count > 0 ? Count : 1];  // NOLINT
+};
+
+template <bool Watches, class Number, int Count>
+bool sweep_single(const SingleRows<Count>& rows, std::ptrdiff_t i, const BlockSweep& sweep) {
+  const Number before = Number::load(sweep.u + i, 1);
+  const Number right = Number::load(sweep.b + i, 1);
+  const Number lower = Number::load(sweep.lower + i, 1);
+  const Number upper = Number::load(sweep.upper + i, 1);
+  Number read, terms;
+  rows.read(sweep.u + i, read, terms);
+  Number to = Number(rows.inverse) * (right - read);
+  if (!Watches) {
+    Number::smaller(Number::larger(to, lower), upper).store(sweep.u + i, 1);
+    return false;
+  }
+  terms = Number(rows.inverse) * (terms + right.absolute());
+  const Number near = Number(sweep.near) * terms;
+  to = Number::choose(to < lower + near, lower, Number::choose(upper - near < to, upper, to));
+  to.store(sweep.u + i, 1);
+  return (Number(sweep.still) * terms < (to - before).absolute()).any();
+}
+
+template <bool Value>
+struct Choice {
+  static constexpr bool value = Value;
+};
+
+/// Calls one(whether it is to watch, a number of the kind to compute with, the first block) for the packs of
+/// a run.
+template <class One>
+void sweep_packs(const BlockModel::Run& run, BlockSweep& sweep, One&& one) {
   std::int32_t at = 0;
   if (sweep.moves == nullptr) {
     for (; at + Lanes::width <= run.count; at += Lanes::width)
-      sweep_pack<false>(Pack<Lanes, Fixed>(model, run, at), sweep);
+      one(Choice<false>(), Lanes(), at);
     for (; at < run.count; ++at)
-      sweep_pack<false>(Pack<Single, Fixed>(model, run, at), sweep);
+      one(Choice<false>(), Single(), at);
     return;
   }
   unsigned char* moves = sweep.moves + run.pack;
   for (; at + Lanes::width <= run.count; at += Lanes::width, ++moves) {
     if (*moves == 0) continue;
-    *moves = sweep_pack<true>(Pack<Lanes, Fixed>(model, run, at), sweep) ? 1 : 0;
+    *moves = one(Choice<true>(), Lanes(), at) ? 1 : 0;
     sweep.moved |= *moves;
   }
   for (; at < run.count; ++at, ++moves) {
     if (*moves == 0) continue;
-    *moves = sweep_pack<true>(Pack<Single, Fixed>(model, run, at), sweep) ? 1 : 0;
+    *moves = one(Choice<true>(), Single(), at) ? 1 : 0;
     sweep.moved |= *moves;
   }
+}
+template <class Number, int Count>
+void judge_single(const SingleRows<Count>& rows, std::ptrdiff_t i, BlockJudge& judge) {
+  const Number u = Number::load(judge.u + i, 1);
+  Number read, terms;
+  rows.read(judge.u + i, read, terms);
+  const Number own = Number(rows.diagonal) * u;
+  const Number f = own + read - Number::load(judge.b + i, 1);
+  terms = own.absolute() + terms + Number::load(judge.b_terms + i, 1);
+  f.store(judge.f + i, 1);
+  terms.store(judge.terms + i, 1);
+  RowLook<Number> look(judge);
+  const Number natural =
+      look.look(u, f, terms, Number::load(judge.lower + i, 1), Number::load(judge.upper + i, 1));
+  if (look.tell(judge)) RowLook<Number>::take_worst(natural, terms, judge);
+}
+
+template <int Count>
+void sweep_singles(const BlockModel& model, const BlockModel::Run& run, BlockSweep& sweep) {
+  const SingleRows<Count> rows(model, run);
+  sweep_packs(run, sweep, [&](auto watches, auto number, std::int32_t at) {
+    return sweep_single<decltype(watches)::value, decltype(number)>(rows, run.first + at, sweep);
+  });
+}
+
+template <int Fixed>
+void sweep_run(const BlockModel& model, const BlockModel::Run& run, BlockSweep& sweep) {
+  sweep_packs(run, sweep, [&](auto watches, auto number, std::int32_t at) {
+    return sweep_pack<decltype(watches)::value>(Pack<decltype(number), Fixed>(model, run, at), sweep);
+  });
+}
+
+/// Calls one(a number of the kind to compute with, the first block) for the packs of a run.
+template <class One>
+void judge_packs(const BlockModel::Run& run, One&& one) {
+  std::int32_t at = 0;
+  for (; at + Lanes::width <= run.count; at += Lanes::width)
+    one(Lanes(), at);
+  for (; at < run.count; ++at)
+    one(Single(), at);
+}
+
+template <int Count>
+void judge_singles(const BlockModel& model, const BlockModel::Run& run, BlockJudge& judge) {
+  const SingleRows<Count> rows(model, run);
+  judge_packs(run, [&](auto number, std::int32_t at) {
+    judge_single<decltype(number)>(rows, run.first + at, judge);
+  });
 }
 
 template <int Fixed>
 void judge_run(const BlockModel& model, const BlockModel::Run& run, BlockJudge& judge) {
-  std::int32_t at = 0;
-  for (; at + Lanes::width <= run.count; at += Lanes::width)
-    judge_pack(Pack<Lanes, Fixed>(model, run, at), judge);
-  for (; at < run.count; ++at)
-    judge_pack(Pack<Single, Fixed>(model, run, at), judge);
+  judge_packs(run, [&](auto number, std::int32_t at) {
+    judge_pack(Pack<decltype(number), Fixed>(model, run, at), judge);
+  });
+}
+
+/// What a row of rows of one kind reads of others: entries; below 0: not all alike.
+int entries_of_singles(const BlockModel& model, const BlockModel::Run& run) {
+  const BlockModel::Kind& kind = model.kinds[run.kind];
+  if (kind.size != 1 || run.reading < 0) return -1;
+  if (kind.readers == kind.readers_end) return 0;
+  const BlockModel::Reading& reading = model.readings[run.reading];
+  return model.ends[reading.ends] - reading.entries;
 }
 
 void sweep_any(const BlockModel& model, const BlockModel::Run& run, BlockSweep& sweep) {
+  switch (entries_of_singles(model, run)) {
+    case 0:
+      return sweep_singles<0>(model, run, sweep);
+    case 1:
+      return sweep_singles<1>(model, run, sweep);
+    case 2:
+      return sweep_singles<2>(model, run, sweep);
+    case 3:
+      return sweep_singles<3>(model, run, sweep);
+    case 4:
+      return sweep_singles<4>(model, run, sweep);
+    default:
+      break;
+  }
   switch (model.kinds[run.kind].size) {
     case 1:
       return sweep_run<1>(model, run, sweep);
@@ -249,6 +393,20 @@ void sweep_any(const BlockModel& model, const BlockModel::Run& run, BlockSweep& 
 }
 
 void judge_any(const BlockModel& model, const BlockModel::Run& run, BlockJudge& judge) {
+  switch (entries_of_singles(model, run)) {
+    case 0:
+      return judge_singles<0>(model, run, judge);
+    case 1:
+      return judge_singles<1>(model, run, judge);
+    case 2:
+      return judge_singles<2>(model, run, judge);
+    case 3:
+      return judge_singles<3>(model, run, judge);
+    case 4:
+      return judge_singles<4>(model, run, judge);
+    default:
+      break;
+  }
   switch (model.kinds[run.kind].size) {
     case 1:
       return judge_run<1>(model, run, judge);

@@ -160,6 +160,7 @@ double BlockRows::smallest_diagonal() const {
 }
 
 RowRatios BlockRows::judge(Vec u, Vec lower, Vec upper, Vec b, Vec b_terms, Vec f, Vec terms) const {
+  if (!small_) return affine_->judge(u, lower, upper, b, b_terms, f, terms);
   const double* others = affine_->ghosts(u);
   const ReadArray own(u);
   const ReadArray l(lower);

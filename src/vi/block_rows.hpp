@@ -21,7 +21,7 @@ public:
   /// @param block  of each of this rank's unknowns; those of a block side by side
   BlockRows(const AffineRows& rows, const std::vector<PetscInt>& block);
 
-  /// There are blocks, all of them small; else nothing else may be called. May differ between ranks.
+  /// There are blocks, all of them small; else there is but `judge`. May differ between ranks.
   bool small() const { return small_; }
   const AffineRows& rows() const { return *affine_; }
   const std::vector<Run>& runs() const { return runs_; }

@@ -15,7 +15,6 @@ namespace sweepvi {
 namespace {
 
 constexpr int most_sweeps = 12;
-constexpr double weak = 1e-3;      // coupling that is less than what a guess is off: at first left out
 constexpr double settled = 2e-16;  // change of what a row reads, over the terms of the row
 
 }  // namespace
@@ -32,15 +31,7 @@ BlockSweeps::BlockSweeps(MPI_Comm comm, const AffineRows& rows, const std::vecto
   MPI_Allreduce(MPI_IN_PLACE, &small, 1, MPI_INT, MPI_LAND, comm);
   rate_ = small != 0 ? contraction() : HUGE_VAL;
   MPI_Allreduce(MPI_IN_PLACE, &rate_, 1, MPI_DOUBLE, MPI_MAX, comm);
-  int mends = 1;
-  for (const SmallBox& box : boxes_)
-    if (!box.mends()) mends = 0;
-  MPI_Allreduce(MPI_IN_PLACE, &mends, 1, MPI_INT, MPI_LAND, comm);
-  mends_ = mends != 0;
-  if (worthwhile())
-    find_scalars();
-  else
-    forget_blocks();
+  if (!worthwhile()) forget_blocks();
 }
 
 void BlockSweeps::forget_blocks() {
@@ -52,19 +43,6 @@ void BlockSweeps::forget_blocks() {
   inverses_ = {};
   active_ = {};
   bounded_ = {};
-}
-
-void BlockSweeps::find_scalars() {
-  int all = 1;
-  for (const SmallBox& box : boxes_)
-    if (box.size() != 1 || !(box.matrix()[0] > 0.0)) all = 0;
-  MPI_Allreduce(MPI_IN_PLACE, &all, 1, MPI_INT, MPI_LAND, comm_);
-  scalars_ = all != 0;
-  if (!scalars_) return;
-  for (const Block& block : blocks_)
-    inverse_diagonal_.push_back(1.0 / boxes_[static_cast<std::size_t>(block.box)].matrix()[0]);
-  forget_blocks();  // K is all that is needed
-  spare_ = make_vector(comm_, count_);
 }
 
 // Calls visit(number of the block, itself, its box, its first unknown, its first reading row of all).
@@ -260,23 +238,6 @@ double BlockSweeps::next_sweep(double* u, const double* b, const double* others)
   return carry_on(u, b, others, [](std::size_t, const SmallBox&, PetscInt, const double*) {});
 }
 
-// Of what hardly changes any more: each row by itself, to its own rounding.
-void BlockSweeps::last_sweep(double* u, const double* b, const double* others) {
-  std::array<double, SmallBox::largest> right;  // NOLINT: filled as far as it is read
-  each_block([&](std::size_t e, const Block& block, SmallBox& box, PetscInt first, std::size_t) {
-    std::copy_n(b + first, box.size(), right.begin());
-    each_reading_row(block, [&](int row, std::span<const Entry> entries) {
-      double sum = 0.0;
-      for (const Entry& entry : entries) {
-        const PetscInt column = first + entry.offset;
-        sum += entry.value * (column < count_ ? u[column] : others[column - count_]);
-      }
-      right[static_cast<std::size_t>(row)] -= sum;
-    });
-    box.mend(right.data(), active_[e], u + first);
-  });
-}
-
 // What is left of b for a block by what it reads.
 void BlockSweeps::find_right(const Block& block, const SmallBox& box, const double* b, const double* read,
                              double* right) const {
@@ -328,7 +289,6 @@ double BlockSweeps::sweep_and_check(double* u, const double* b, const double* lo
 }
 
 void BlockSweeps::refine(Vec u, Vec f) {
-  if (scalars_) return;  // each of their sweeps does that
   const WriteArray x(u);
   const ReadArray off(f);
   each_block([&](std::size_t e, const Block&, SmallBox& box, PetscInt first, std::size_t) {
@@ -339,58 +299,7 @@ void BlockSweeps::refine(Vec u, Vec f) {
   });
 }
 
-// From u to `next`: without what a row reads of this sweep's own, which one unknown after the other would
-// wait for. Returns the largest change of an unknown over what its row has of its own.
-double BlockSweeps::scalar_sweep(const double* u, const double* b, const double* lower, const double* upper,
-                                 const double* others, double* next) const {
-  double worst = 0.0;
-  const double* inverse = inverse_diagonal_.data();
-  rows_.each_row(u, others, [=, &worst](PetscInt i, const AffineRows::Row& products) {
-    const double by = inverse[i];
-    const double now = u[i];
-    const double right = b[i];
-    const double to = std::min(std::max(now + (right - products.sum) * by, lower[i]), upper[i]);
-    next[i] = to;
-    const double moved = std::abs(to - now);
-    const double size = std::abs(right) * by + std::abs(now);
-    if (moved > worst * size) worst = moved / size;
-  });
-  return worst;
-}
-
-bool BlockSweeps::solve_scalars(Vec guess, Vec u, Vec b, Vec lower, Vec upper) {
-  const ReadArray right(b);
-  const ReadArray l(lower);
-  const ReadArray h(upper);
-  Vec from = guess;
-  Vec to = u == guess ? spare_.get() : u;
-  if (rate_ <= weak) {
-    const WriteArray first(to);
-    const double* inverse = inverse_diagonal_.data();
-    for (PetscInt i = 0; i < count_; ++i)
-      first[i] = std::min(std::max(right[i] * inverse[i], l[i]), h[i]);
-    from = to;
-    to = from == u ? spare_.get() : u;
-  }
-  for (int sweep = 0; sweep < most_sweeps; ++sweep) {
-    const double* others = rows_.ghosts(from);
-    double change = 0.0;
-    {
-      const ReadArray now(from);
-      const WriteArray next(to);
-      change = scalar_sweep(now.data(), right.data(), l.data(), h.data(), others, next.data());
-    }
-    MPI_Allreduce(MPI_IN_PLACE, &change, 1, MPI_DOUBLE, MPI_MAX, comm_);
-    from = to;
-    to = from == u ? spare_.get() : u;
-    if (change * rate_ <= settled) break;
-  }
-  if (from != u) check(VecCopy(from, u));
-  return true;
-}
-
 bool BlockSweeps::solve(Vec guess, Vec u, Vec b, Vec lower, Vec upper) {
-  if (scalars_) return solve_scalars(guess, u, b, lower, upper);
   const ReadArray right(b);
   {
     const double* others = rows_.ghosts(guess);
@@ -402,21 +311,13 @@ bool BlockSweeps::solve(Vec guess, Vec u, Vec b, Vec lower, Vec upper) {
     MPI_Allreduce(MPI_IN_PLACE, &failed, 1, MPI_INT, MPI_LOR, comm_);
     if (failed != 0) return false;
   }
-  double before = 1.0;
-  double change = 0.0;
   for (int sweep = 1; sweep < most_sweeps; ++sweep) {
     const double* others = rows_.ghosts(u);
     const WriteArray x(u);
-    const double seen = std::min(rate_, change / before);
-    if (sweep > 1 && mends_ && change * seen * seen <= settled) {
-      last_sweep(x.data(), right.data(), others);
-      break;
-    }
     const ReadArray l(lower);
     const ReadArray h(upper);
-    before = sweep == 1 ? 1.0 : change;
-    change = sweep == 1 ? sweep_and_check(x.data(), right.data(), l.data(), h.data(), others)
-                        : next_sweep(x.data(), right.data(), others);
+    double change = sweep == 1 ? sweep_and_check(x.data(), right.data(), l.data(), h.data(), others)
+                               : next_sweep(x.data(), right.data(), others);
     MPI_Allreduce(MPI_IN_PLACE, &change, 1, MPI_DOUBLE, MPI_MAX, comm_);
     // The next one would change that much times the contraction.
     if (change * rate_ <= settled) break;

@@ -52,10 +52,6 @@ private:
     std::int32_t box, reading;
   };
 
-  bool solve_scalars(Vec guess, Vec u, Vec b, Vec lower, Vec upper);
-  double scalar_sweep(const double* u, const double* b, const double* lower, const double* upper,
-                      const double* others, double* next) const;
-  void find_scalars();
   void forget_blocks();
   bool find_blocks(const AffineRows& rows, const std::vector<PetscInt>& block);
   void add_reading(const std::vector<double>& read);
@@ -63,7 +59,6 @@ private:
   bool first_sweep(const double* guess, double* u, const double* b, const double* lower, const double* upper,
                    const double* others);
   double next_sweep(double* u, const double* b, const double* others);
-  void last_sweep(double* u, const double* b, const double* others);
   double sweep_and_check(double* u, const double* b, const double* lower, const double* upper,
                          const double* others);
   template <class After>
@@ -81,11 +76,7 @@ private:
   const AffineRows& rows_;
   double slack_;                          // of degenerate rows, over their terms
   double rate_ = 0.0;                     // contraction of a sweep
-  bool mends_ = false;                    // all boxes do
   PetscInt count_ = 0;                    // unknowns
-  bool scalars_ = false;                  // each unknown is a block, on all ranks: projected Jacobi
-  std::vector<double> inverse_diagonal_;  // then
-  Vector spare_;                          // then: where each second sweep goes
   std::vector<SmallBox> boxes_;
   std::vector<Block> blocks_;
   std::vector<Reading> readings_;

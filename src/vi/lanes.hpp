@@ -104,6 +104,11 @@ public:
   /// Numbers that are `stride` apart.
   static Lanes load(const double* from, std::ptrdiff_t stride) {
     Lanes result;
+    if (stride == 1) {
+      for (int k = 0; k < parts; ++k)
+        result.part_[k] = reinterpret_cast<const Unaligned*>(from)[k];
+      return result;
+    }
     for (int k = 0; k < parts; ++k, from += part_width * stride)
 #ifdef __AVX2__
       result.part_[k] = Part{from[0], from[stride], from[2 * stride], from[3 * stride]};
@@ -113,12 +118,22 @@ public:
     return result;
   }
   void store(double* to, std::ptrdiff_t stride) const {
+    if (stride == 1) {
+      for (int k = 0; k < parts; ++k)
+        reinterpret_cast<Unaligned*>(to)[k] = part_[k];
+      return;
+    }
     for (int k = 0; k < parts; ++k)
       for (int lane = 0; lane < part_width; ++lane, to += stride)
         *to = part_[k][lane];
   }
 
 private:
+#ifdef __AVX2__
+  using Unaligned = double __attribute__((vector_size(32), aligned(8), may_alias));
+#else
+  using Unaligned = double __attribute__((vector_size(16), aligned(8), may_alias));
+#endif
   static MaskPart sign_bit() { return reinterpret_cast<MaskPart>(-0.0 - Part{}); }
   Part part_[parts];  // NOLINT
 };

@@ -105,7 +105,6 @@ void SmallBox::find_chain() {
   }
   std::vector<double> error(static_cast<std::size_t>(size_), 1.0);
   const double once = mended_error(error);
-  mending_ = mended_error(error) / once;
   if (once <= most) return;
   chain_.clear();  // it is more, or not a number
   reads_.clear();

@@ -29,10 +29,10 @@ public:
   const double* solve(const double* right, const double* lower, const double* upper, double slack,
                       const double* guess, double* u, Mask& active);
 
+  /// Whether rows read each other along a chain.
+  bool mends() const { return !chain_.empty(); }
   /// Sums inactive rows once more, each by itself, with what the others are by then.
   void mend(const double* right, Mask active, double* u) const;
-  /// Whether that takes a small change of `right`, too: next to nothing of it is left.
-  bool mends() const { return !chain_.empty() && !(mending_ > 0.01); }
 
   /// Of M with identity rows where `active`: column by column, which are `stride` apart; null if it is
   /// singular. Columns of inactive rows hold what F does there, those of active ones what a bound does.
@@ -67,7 +67,6 @@ private:
   std::vector<double> row_sums_;
   std::vector<Row> chain_;  // empty: rows do not read each other so
   std::vector<Read> reads_;
-  double mending_ = 0.0;  // contraction of errors; 0/0: there are none
   std::vector<Set> sets_;
 };
 

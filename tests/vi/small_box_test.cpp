@@ -60,7 +60,7 @@ TEST(SmallBox, MendsRowsToTheirOwnRounding) {
 
 // Where rows read each other strongly, that would make things worse.
 TEST(SmallBox, DoesNotMendStrongCoupling) {
-  EXPECT_FALSE(SmallBox(2, {1.0, 0.9, -0.9, 1.0}).mends());
+  EXPECT_FALSE(SmallBox(2, {1.0, 3.0, -3.0, 1.0}).mends());
   EXPECT_FALSE(SmallBox(3, {1.0, 2.0, 2.0, 2.0, 1.0, 2.0, 2.0, 2.0, 1.0}).mends());
   EXPECT_TRUE(SmallBox(1, {2.0}).mends());
   EXPECT_TRUE(SmallBox(2, {1.0, 5.0, 0.0, 1.0}).mends());  // one after the other: exact
