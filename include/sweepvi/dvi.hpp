@@ -101,8 +101,8 @@ public:
   /// Box rule: fills l and b for the step, PETSC_NINFINITY and PETSC_INFINITY where there is none, and a
   /// first guess.
   virtual void begin(const Step& step, Vec lower, Vec upper, Vec guess) = 0;
-  /// Makes the guess of `begin` a solution up to rounding, and returns true; or returns false to have it
-  /// improved by the active-set predictor.
+  /// Makes a copy of the guess of `begin` a solution up to rounding, and returns true; or returns false to
+  /// have it improved by the active-set predictor.
   virtual bool predict(Vec) { return false; }
   /// Whether `predict` may return true.
   virtual bool predicts() const { return false; }

@@ -185,7 +185,22 @@ Branch clamped(Branch branch) {
 
 }  // namespace
 
+/// An oscillator at rest on its wall, without control, that is pushed to it: signs make it move against the
+/// push, so that no branch of those fits, and the rule has it stay (at_wall, lambda_s^ = 0).
+bool is_pressed(const OscillatorStep& step) {
+  return step.old.s == 0.0 && step.old.v == 0.0 && step.a < 0.0 && step.mu1 == 0.0 && step.mu2 == 0.0 &&
+         (1.0 - step.gamma) * std::abs(step.old.lambda_s) < step.gamma &&
+         step.h * step.theta * (step.h * step.theta * std::abs(step.by_x) + std::abs(step.by_velocity)) < 1.0;
+}
+
+Branch pressed(const OscillatorStep& step) {
+  const double sign_v = kept_sign_v(step.old);
+  const double lambda_s = -(1.0 - step.gamma) * step.old.lambda_s / step.gamma + 0.0;
+  return {{0.0, 0.0, lambda_s, sign_v}, step.a, 0.0, sign_v, 0.0};
+}
+
 Branch choose_branch(const OscillatorStep& step) {
+  if (is_pressed(step)) return pressed(step);
   Branch best;
   best.misfit = std::numeric_limits<double>::infinity();
   Branches(step).visit([&](const Branch& branch) {
@@ -203,6 +218,10 @@ Branch choose_branch(const OscillatorStep& step) {
 }
 
 bool keep_branch(const OscillatorStep& step, Branch& branch) {
+  if (branch.sign_s == 0.0 && branch.sign_v == kept_sign_v(step.old) && is_pressed(step)) {
+    branch = pressed(step);
+    return true;
+  }
   bool kept = false;
   Branches(step).visit(branch.sign_s, branch.sign_v, [&](const Branch& now) {
     if (!fits(now)) return false;
@@ -222,6 +241,7 @@ bool prefers_another(const OscillatorStep& step, const OscillatorState& state) {
   const auto near = [&](const Branch& branch, double s, double v) {
     return std::abs(branch.state.s - state.s) <= same * s && std::abs(branch.state.v - state.v) <= same * v;
   };
+  if (state.s == 0.0 && state.v == 0.0 && is_pressed(step)) return false;
   bool another = false;
   Branches(step).visit([&](const Branch& branch) {
     // Of their terms, or of two of them, which is less and known.

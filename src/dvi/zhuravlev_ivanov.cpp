@@ -139,6 +139,7 @@ void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   ruled_ = false;
   check(VecCopy(u_.get(), guess));
   find_accelerations(guess);
+  begun_at_ = looked_at_;
   differentiate();
 }
 
@@ -285,7 +286,8 @@ void ZhuravlevIvanov::settle(Vec u) {
 
 /// Both, where nothing moves in one pass: what a predicted step does.
 RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
-  if (looked_at_ == ruled_at_ && is_ruled(u)) looked_at_ = ruled_at_ = Point(u);  // a copy
+  const bool is_what_was_ruled = looked_at_ == ruled_at_ && (Point(u) == ruled_at_ || is_ruled(u));
+  if (is_what_was_ruled) looked_at_ = Point(u);  // it, or a copy
   find_accelerations(u);
   find_force_terms();
   const bool linear = oscillators_.linear();
@@ -299,7 +301,7 @@ RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, 
     const WriteArray sizes(terms);
     const ReadArray a(a_.get());
     const auto judge_free = [&](double value, double row, double size) {
-      judge.look_at(value, row, PETSC_NINFINITY, PETSC_INFINITY, size);
+      judge.look_at_free(value, row, size);
     };
     const auto judge_sign = [&](double value, double row, double size) {
       judge.look_at(value, row, -1.0, 1.0, size);
@@ -327,12 +329,13 @@ RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, 
     return judge_rows(u, f, lower, upper, terms);
   }
   looked_at_ = Point(u);
+  if (is_what_was_ruled) ruled_at_ = looked_at_;
   if (between || !linear) ++version_;
   return judge.ratios();
 }
 
 bool ZhuravlevIvanov::admissible(Vec u) {
-  if (is_ruled(u)) return true;
+  if ((ruled_ && Point(u) == ruled_at_) || is_ruled(u)) return true;
   find_accelerations(u);
   find_force_terms();
   int spurious = 0;

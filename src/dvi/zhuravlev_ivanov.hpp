@@ -71,9 +71,11 @@ private:
   }
   void choose_all(Vec guess);
   void relax(Vec guess);
-  double relax_once(Vec known, const double* others, const double* other_velocities, Vec guess, bool first);
+  void relax_once(Vec known, const double* others, const double* other_velocities, Vec guess, bool first);
+  void find_motions();
+  double move_once(Vec known, const double* others, const double* other_velocities);
   bool counts_on(PetscInt i, double acceleration, double force_terms) const;
-  bool sweep(Vec guess, bool by_rule);
+  bool sweep(Vec guess);
   bool is_ruled(Vec u) const;
   OscillatorState rows_of(const OscillatorStep& step, const OscillatorState& now, double acceleration) const;
   void set_own_entries(Vec u, Mat jacobian);
@@ -83,6 +85,13 @@ private:
   void show_state();
 
   class Oscillators;
+
+  /// How x^ and x'^ of an oscillator follow its acceleration a on its branch: x + x_by_a a, and so on.
+  struct Motion {
+    double x, x_by_a, velocity, velocity_by_a;
+    double weight;     // 1 / (1 - what a reads of both of its own)
+    double per_terms;  // what a change of a is over the terms of the row of v, or more
+  };
 
   /// A vector and its value: PETSc counts changes.
   struct Point {
@@ -112,10 +121,12 @@ private:
   Vector x_, velocity_;                 // state in physical coordinates
   Vector s_, v_, lambda_s_, lambda_v_;  // and in the others, each by itself
   Point looked_at_;
+  Point begun_at_;  // where the step's guess was looked at
   bool has_force_terms_ = false;
   Vector x_hat_, velocity_hat_, a_;  // of the point looked at last
   Vector force_terms_, work_, inner_;
   std::vector<Branch> branches_;  // of each oscillator, in the guess
+  std::vector<Motion> motions_;   // on them
   bool ruled_ = false;            // the rule takes all of them; the point was
   Point ruled_at_;
   std::vector<StepEvent> events_;

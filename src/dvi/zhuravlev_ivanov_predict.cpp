@@ -13,6 +13,7 @@ namespace sweepvi {
 /// last, before and after.
 bool ZhuravlevIvanov::predict(Vec guess) {
   if (most_sweeps_ == 0) return false;
+  if (looked_at_ == begun_at_) looked_at_ = Point(guess);  // it has the same numbers
   find_accelerations(guess);
   find_force_terms();  // good enough for all sweeps: what misfits are told apart by
   if (oscillators_.linear())
@@ -21,8 +22,7 @@ bool ZhuravlevIvanov::predict(Vec guess) {
     choose_all(guess);
   for (int sweeps = 1; sweeps <= most_sweeps_; ++sweeps) {
     find_accelerations(guess);
-    if (!sweep(guess, false)) continue;
-    if (!sweep(guess, true)) continue;
+    if (!sweep(guess)) continue;
     ruled_ = true;
     ruled_at_ = looked_at_;
     return true;
@@ -71,18 +71,79 @@ void ZhuravlevIvanov::relax(Vec guess) {
       velocity[i] = there > 0.0 ? faster : std::max(faster, 0.0);
     }
   }
+  others = x_rows_.ghosts(x_hat_.get());
+  other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
+  relax_once(known, others, other_velocities, guess, true);
+  find_motions();
   double before = 1.0;
-  for (int sweeps = 0; sweeps < most_sweeps_; ++sweeps) {
+  for (int sweeps = 1; sweeps < most_sweeps_; ++sweeps) {
     others = x_rows_.ghosts(x_hat_.get());
     other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
-    double off = relax_once(known, others, other_velocities, guess, sweeps == 0);
+    double off = move_once(known, others, other_velocities);
     MPI_Allreduce(MPI_IN_PLACE, &off, 1, MPI_DOUBLE, MPI_MAX, comm_);
-    if (sweeps == 0) continue;
-    // The next sweep would find that much times the contraction.
-    if (!(off * off > solved * before) || !(off < before)) break;
+    // What the last sweep, that of the branches, will leave: that much times the contraction, twice.
+    const double contraction = off / before;
+    if (!(off * contraction * contraction > solved) || !(contraction < 1.0)) break;
     before = off;
   }
+  others = x_rows_.ghosts(x_hat_.get());
+  other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
+  relax_once(known, others, other_velocities, guess, false);
   looked_at_ = Point{};
+}
+
+/// On the branches there are. Where both signs are known s and v follow a, on the wall they stand still; on
+/// others, which are few, they are left where they are.
+void ZhuravlevIvanov::find_motions() {
+  motions_.resize(branches_.size());
+  const ReadArray x(x_hat_.get());
+  const ReadArray velocity(velocity_hat_.get());
+  const ReadArray by_x(slope_x_.get());
+  const ReadArray by_velocity(slope_velocity_.get());
+  const ReadArray sizes(force_terms_.get());
+  Oscillators oscillators(*this);
+  for (PetscInt i = 0; i < count(); ++i) {
+    const Branch& branch = branches_[static_cast<std::size_t>(i)];
+    const OscillatorStep& step = oscillators[i];
+    Motion motion;
+    motion.x_by_a = motion.velocity_by_a = 0.0;
+    if (branch.sign_s != 0.0 && branch.sign_v != 0.0) {
+      const double p = step.lambda_s_hat(branch.sign_s);
+      motion.x_by_a = step.theta * step.theta * h_ * h_ * branch.sign_s * p;
+      motion.velocity_by_a = step.theta * h_ * p * p;
+    }
+    motion.x = x[i] - motion.x_by_a * branch.acceleration;
+    motion.velocity = velocity[i] - motion.velocity_by_a * branch.acceleration;
+    motion.weight = 1.0 / (1.0 - by_x[i] * motion.x_by_a - by_velocity[i] * motion.velocity_by_a);
+    motion.per_terms = h_ / (std::abs(branch.state.v) + 0.5 * h_ * sizes[i]);
+    motions_[static_cast<std::size_t>(i)] = motion;
+  }
+}
+
+/// One sweep of them. @return the largest change of an acceleration, over the terms of its row
+double ZhuravlevIvanov::move_once(Vec known, const double* others, const double* other_velocities) {
+  const bool damped = derivative_.by_velocity() != nullptr;
+  double worst = 0.0;
+  const WriteArray x(x_hat_.get());
+  const WriteArray velocity(velocity_hat_.get());
+  const WriteArray a(a_.get());
+  const ReadArray left(known);
+  const ReadArray by_x(slope_x_.get());
+  const ReadArray by_velocity(slope_velocity_.get());
+  x_rows_.each_row(x.data(), others, [&](PetscInt i, const AffineRows::Row& by_others) {
+    const Motion& motion = motions_[static_cast<std::size_t>(i)];
+    double sum = left[i] + by_others.sum - by_x[i] * (x[i] - motion.x);
+    if (damped)
+      sum += velocity_rows_.row(i, velocity.data(), other_velocities).sum -
+             by_velocity[i] * (velocity[i] - motion.velocity);
+    const double now = motion.weight * sum;
+    const double change = std::abs(now - a[i]) * motion.per_terms;
+    if (change > worst) worst = change;
+    a[i] = now;
+    x[i] = motion.x + motion.x_by_a * now;
+    if (damped) velocity[i] = motion.velocity + motion.velocity_by_a * now;
+  });
+  return worst;
 }
 
 /// Whether an oscillator's branch was found with this acceleration, but for rounding. Below what its row's
@@ -94,12 +155,10 @@ bool ZhuravlevIvanov::counts_on(PetscInt i, double acceleration, double force_te
          solved * (1.0 - kappa_[static_cast<std::size_t>(i)]) * least_terms;
 }
 
-/// One sweep. @return how far accelerations were, at most, from those that oscillators had counted on, over
-/// the terms of their rows
-double ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* other_velocities, Vec guess,
+/// One sweep over the branches themselves: the first one chooses them.
+void ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* other_velocities, Vec guess,
                                    bool first) {
   const bool damped = derivative_.by_velocity() != nullptr;
-  double worst = 0.0;
   const WriteArray values(guess);
   const WriteArray x(x_hat_.get());
   const WriteArray velocity(velocity_hat_.get());
@@ -116,22 +175,17 @@ double ZhuravlevIvanov::relax_once(Vec known, const double* others, const double
     if (first) {
       branch = choose_branch(step);
     } else {
-      const double off = step.off(branch.state, a[i] - branch.acceleration);
-      const double terms = step.least_terms(branch.state);
-      if (off <= solved * terms) continue;
-      worst = std::max(worst, off / terms);
       if (!keep_branch(step, branch)) branch = choose_branch(step);
     }
     put(branch.state, values.data(), i);
     std::tie(x[i], velocity[i]) = hats(i, step.old, branch.state);
   }
-  return worst;
 }
 
-/// Solves oscillators again that counted on other accelerations, on the branch they are on if that fits; or,
-/// by the rule, those for which it takes another branch now. Returns true, on all ranks, if there were none,
-/// with the guess as it was.
-bool ZhuravlevIvanov::sweep(Vec guess, bool by_rule) {
+/// Solves oscillators again that counted on other accelerations, on the branch they are on if that fits; and
+/// those for which the rule takes another branch. Returns true, on all ranks, if there were none, with the
+/// guess as it was.
+bool ZhuravlevIvanov::sweep(Vec guess) {
   int changed = 0;
   {
     Oscillators oscillators(*this);
@@ -141,15 +195,15 @@ bool ZhuravlevIvanov::sweep(Vec guess, bool by_rule) {
     const WriteArray values(guess);
     for (PetscInt i = 0; i < count(); ++i) {
       Branch& branch = branches_[static_cast<std::size_t>(i)];
-      if (by_rule ? is_first_choice(state_at(old.data(), i), branch) : counts_on(i, a[i], sizes[i])) continue;
+      const bool counts = counts_on(i, a[i], sizes[i]);
+      if (counts && is_first_choice(state_at(old.data(), i), branch)) continue;
       const OscillatorStep& step = oscillators[i];
       const OscillatorState& now = branch.state;
-      if (by_rule) {
-        if (!prefers_another(step, now)) continue;
+      if (counts || step.off(now, a[i] - branch.acceleration) <= solved * terms_of(step, now).v) {
+        if (is_first_choice(step.old, branch) || !prefers_another(step, now)) continue;
         branch = choose_branch(step);
-      } else {
-        if (step.off(now, a[i] - branch.acceleration) <= solved * terms_of(step, now).v) continue;
-        if (!keep_branch(step, branch)) branch = choose_branch(step);
+      } else if (!keep_branch(step, branch)) {
+        branch = choose_branch(step);
       }
       put(branch.state, values.data(), i);
       changed = 1;

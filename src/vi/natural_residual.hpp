@@ -31,6 +31,12 @@ public:
     if (natural < std::abs(f) && natural != 0.0) ratios_.by_distance = true;
     if (!(u >= lower && u <= upper)) ratios_.outside = true;
   }
+  /// The same without bounds.
+  void look_at_free(double u, double f, double terms) {
+    not_finite_ += 0.0 * u + 0.0 * f + 0.0 * terms;
+    const double natural = std::abs(f);
+    if (natural > ratios_.worst * terms) ratios_.worst = natural / terms;
+  }
   RowRatios ratios() const {
     RowRatios result = ratios_;
     if (std::isnan(not_finite_)) result.worst = std::numeric_limits<double>::infinity();

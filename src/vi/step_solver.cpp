@@ -313,10 +313,13 @@ bool StepSolver::sweep() {
 bool StepSolver::predict() {
   if (!predictor_) return false;
   const LogEvent::Scope logged(events_->predict);
-  if (problem_.predict(guess_.get())) {
+  if (problem_.predicts()) {
     check(VecCopy(guess_.get(), u_.get()));
-    settle();
-    return true;
+    if (problem_.predict(u_.get())) {
+      settle();
+      return true;
+    }
+    check(VecCopy(u_.get(), guess_.get()));
   }
   if (sweep()) return true;
   check(VecCopy(guess_.get(), u_.get()));
