@@ -55,10 +55,9 @@ class BlockRows;
 /// A step whose F is affine, F(u) = K u - b, and whose unknowns fall into blocks that may be solved one by
 /// one, or are states and multipliers.
 struct AffineStep {
-  const AffineRows* rows = nullptr;              ///< K; null: the step is not of this kind
-  Vec right_side = nullptr;                      ///< b, of the step that was begun
-  const std::vector<PetscInt>* block = nullptr;  ///< of each of this rank's unknowns; null: no blocks
-  const BlockRows* block_rows = nullptr;  ///< K by blocks; null: the same
+  const AffineRows* rows = nullptr;   ///< K; null: the step is not of this kind
+  Vec right_side = nullptr;           ///< b, of the step that was begun
+  const BlockRows* blocks = nullptr;  ///< K by blocks; null: there are none
   /// Of each of this rank's unknowns: 0 of a state, which has no bounds, i >= 1 of a multiplier of level i.
   /// Null: no such distinction.
   const std::vector<int>* level = nullptr;

@@ -154,6 +154,7 @@ private:
   bool predict();
   bool sweep();
   bool prepare_sweeps(const AffineStep& affine);
+  bool prepare_block_sweeps(const AffineStep& affine);
   bool sweep_rows(const AffineStep& affine);
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
@@ -184,11 +185,12 @@ private:
   std::unique_ptr<Predictor> predictor_;
   std::unique_ptr<OuterLinearisation> pivoting_;  // from the first step that needs it
   Vector u_, f_, lower_, upper_, guess_;
-  Vector settled_;          // what a point of SNES settles to
-  bool at_guess_ = false;   // u_ is where SNES shall start
-  double sigma_ = 1.0;      // SNES works on sigma u and sigma F
-  Vec bound_ = nullptr;     // lower bounds that snes_ has
-  Vec function_ = nullptr;  // where it has F
+  Vector settled_;                  // what a point of SNES settles to
+  bool at_guess_ = false;           // u_ is where SNES shall start
+  bool process_predicted_ = false;  // that, and guess_ is as the step began
+  double sigma_ = 1.0;              // SNES works on sigma u and sigma F
+  Vec bound_ = nullptr;             // lower bounds that snes_ has
+  Vec function_ = nullptr;          // where it has F
   Vector snes_f_, snes_lower_, snes_upper_, unscaled_, terms_;
   double previous_ratio_ = 0.0;
   int failed_solves_ = 0;  // attempts of this step that ended in a linear system

@@ -46,8 +46,8 @@ BoxOnZ::BoxOnZ(const LinearSystem& system, const RelativeDegree& relative_degree
 // What depends on h_ and theta_ alone. Returns K.
 Matrix BoxOnZ::make_rates() {
   Matrix R = coordinates_.companion();
-  increment_ = ForcedIncrement(system_, relative_degree_, coordinates_, forcing_.vanishes(), R.get(), jumps_.get(),
-                               inverse_jumps_.get(), h_, theta_);
+  increment_ = ForcedIncrement(system_, relative_degree_, coordinates_, forcing_.vanishes(), R.get(),
+                               jumps_.get(), inverse_jumps_.get(), h_, theta_);
   Matrix K = implicit_euler(R.get(), h_ * theta_);
   if (jumps_) K = multiply_clean(inverse_jumps_.get(), K.get());
   if (theta_ == 1.0) return K;

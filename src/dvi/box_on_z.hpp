@@ -31,7 +31,7 @@ public:
   void row_terms(Vec u, Vec terms) override;
   void residual_and_terms(Vec u, Vec f, Vec terms) override;
   RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
-  AffineStep affine() const override { return {&rows_, rhs_.get(), &blocks_, &block_rows_}; }
+  AffineStep affine() const override { return {&rows_, rhs_.get(), &block_rows_}; }
   bool spread_terms(Vec terms) override;
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }
@@ -49,18 +49,18 @@ private:
   const RelativeDegree& relative_degree_;
   mutable OutputForcing forcing_;
   OutputCoordinates coordinates_;
-  double theta_;                         // weight of t_{k+1}
-  AffineRows old_rates_;                 // h (1-theta) R, unless theta = 1
-  Matrix jumps_, inverse_jumps_;         // J, J^{-1}; empty: identity
+  double theta_;                  // weight of t_{k+1}
+  AffineRows old_rates_;          // h (1-theta) R, unless theta = 1
+  Matrix jumps_, inverse_jumps_;  // J, J^{-1}; empty: identity
   AffineRows inverse_rows_;
   ForcedIncrement increment_;
-  Matrix K_;                             // J^{-1} plain_K_
-  AffineRows rows_;                      // of K
-  std::vector<PetscInt> blocks_;         // of each unknown
-  BlockRows block_rows_;                 // the same by them
-  Matrix reading_;                       // |K| up to 1; from the first step that needs it
-  std::uint64_t version_ = 0;            // counts changes of h
-  double t_new_ = 0.0, t_ = 0.0;         // end of the step that was begun, time of u_
+  Matrix K_;                      // J^{-1} plain_K_
+  AffineRows rows_;               // of K
+  std::vector<PetscInt> blocks_;  // of each unknown
+  BlockRows block_rows_;          // the same by them
+  Matrix reading_;                // |K| up to 1; from the first step that needs it
+  std::uint64_t version_ = 0;     // counts changes of h
+  double t_new_ = 0.0, t_ = 0.0;  // end of the step that was begun, time of u_
   mutable bool knows_x_ = true;
   mutable Vector g_outputs_;  // layout of the outputs; from the first time that needs it
   mutable Vector work_;

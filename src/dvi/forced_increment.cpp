@@ -70,13 +70,12 @@ ForcedIncrement::ForcedIncrement(const LinearSystem& system, const RelativeDegre
     }
     if (jumps != nullptr && system.f.varies && relative_degree.highest > 2) {
       const auto completion = [&](double share, double sign) {
-        const Matrix lacks =
-            placed_outputs(system, relative_degree, coordinates,
-                           [&](PetscInt q, int level, int levels, RowBuilder& rows) {
-                             if (level + 1 == levels) return;
-                             if (p > 0 && level >= p) rows.add(Z(q - p), share);
-                             if (level >= p + 1) rows.add(Z(q - 1 - p), -sign);
-                           });
+        const Matrix lacks = placed_outputs(system, relative_degree, coordinates,
+                                            [&](PetscInt q, int level, int levels, RowBuilder& rows) {
+                                              if (level + 1 == levels) return;
+                                              if (p > 0 && level >= p) rows.add(Z(q - p), share);
+                                              if (level >= p + 1) rows.add(Z(q - 1 - p), -sign);
+                                            });
         const Matrix reached = multiply_clean(inverse_jumps, lacks.get());
         RowBuilder below;  // levels below r alone
         PetscInt place = 0;

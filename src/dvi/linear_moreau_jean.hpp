@@ -33,8 +33,8 @@ public:
   void residual_and_terms(Vec u, Vec f, Vec terms) override;
   RowRatios settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) override;
   AffineStep affine() const override {
-    if (dual_) return {&rows_, rhs_.get(), nullptr, nullptr, &level_of_unknown_, &pinned_, rows_version_};
-    return {&rows_, rhs_.get(), &blocks_, &block_rows_};
+    if (dual_) return {&rows_, rhs_.get(), nullptr, &level_of_unknown_, &pinned_, rows_version_};
+    return {&rows_, rhs_.get(), &block_rows_};
   }
   void jacobian(Vec u, Mat jacobian) override;
   std::uint64_t jacobian_version() const override { return version_; }

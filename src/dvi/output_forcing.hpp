@@ -38,7 +38,7 @@ private:
 
   const LinearSystem& system_;
   const RelativeDegree& relative_degree_;
-  Vector f_, image_;  // layouts of x and of the outputs
+  Vector f_, image_;                                              // layouts of x and of the outputs
   double image_time_ = std::numeric_limits<double>::quiet_NaN();  // image_ is Z f then
   bool vanishes_ = false;
   /// An output below level r that sees the forcing.

@@ -44,7 +44,7 @@ public:
     return Degenerate::off_bound;
   }  // outputs are held where they touch
   AffineStep affine() const override {
-    return {&rows_.rows(), rhs_.get(), nullptr, nullptr, &level_of_unknown_, &pinned_, rows_version_};
+    return {&rows_.rows(), rhs_.get(), nullptr, &level_of_unknown_, &pinned_, rows_version_};
   }
   void settle(Vec u) override;
   void accept(Vec u, Vec f) override;

@@ -157,7 +157,7 @@ bool ZhuravlevIvanov::counts_on(PetscInt i, double acceleration, double force_te
 
 /// One sweep over the branches themselves: the first one chooses them.
 void ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* other_velocities, Vec guess,
-                                   bool first) {
+                                 bool first) {
   const bool damped = derivative_.by_velocity() != nullptr;
   const WriteArray values(guess);
   const WriteArray x(x_hat_.get());

@@ -55,7 +55,7 @@ struct BlockModel {
 struct BlockSweep {
   double* u;
   const double *others, *b, *lower, *upper;
-  int rounds;            // over the rows of a block
+  int rounds;                      // over the rows of a block
   unsigned char* moves = nullptr;  // by pack: whether it is to be swept; then, whether something of it moved
   double near = 0.0;               // that close to a bound, over the terms of its row: at it
   double still = 0.0;              // by more than that, over the terms of its row

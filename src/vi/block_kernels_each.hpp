@@ -68,7 +68,8 @@ private:
         double sum = 0.0, its_terms = 0.0;
         for (; entry < end; ++entry) {
           const std::ptrdiff_t column = first + entry->offset;
-          const double product = entry->value * (column < model_.count ? own[column] : others[column - model_.count]);
+          const double product =
+              entry->value * (column < model_.count ? own[column] : others[column - model_.count]);
           sum += product;
           its_terms += __builtin_fabs(product);
         }
@@ -77,7 +78,8 @@ private:
       }
     }
     for (int j = 0; j < readers; ++j)
-      visit(Fixed == 1 ? 0 : reader[j], Number::load(sums + j * Number::width, 1), Number::load(terms + j * Number::width, 1));
+      visit(Fixed == 1 ? 0 : reader[j], Number::load(sums + j * Number::width, 1),
+            Number::load(terms + j * Number::width, 1));
   }
 
   const BlockModel& model_;
@@ -96,7 +98,8 @@ struct RowLook {
   Number worst;
   explicit RowLook(const BlockJudge& judge) : worst(judge.worst) {}
 
-  [[gnu::always_inline]] Number look(const Number& u, const Number& f, const Number& terms, const Number& lower, const Number& upper) {
+  [[gnu::always_inline]] Number look(const Number& u, const Number& f, const Number& terms,
+                                     const Number& lower, const Number& upper) {
     constexpr double huge = 1.7976931348623157e308 / 4;  // PETSC_INFINITY: no bound
     const double infinity = __builtin_inf();
     const Number from_lower = Number::choose(Number(-huge) < lower, u - lower, Number(infinity));
@@ -105,8 +108,8 @@ struct RowLook {
     not_finite = not_finite + Number(0.0) * f + Number(0.0) * terms;
     exceeds |= worst * terms < natural;
     by_distance |= (natural < f.absolute()) & (Number(0.0) < natural);
-    outside |= u < lower;
-    outside |= upper < u;
+    outside |= Number::not_ordered(lower, u);
+    outside |= Number::not_ordered(u, upper);
     return natural;
   }
   /// @return whether some row is worse than any before
@@ -140,11 +143,10 @@ bool sweep_pack(const Pack<Number, Fixed>& pack, const BlockSweep& sweep) {
     before[i] = u[i];
     known[i] = right[i].absolute();
   }
-  pack.each_reader(sweep.u, sweep.others,
-                   [&](int row, const Number& read, const Number& terms) {
-                     right[row] = right[row] - read;
-                     if (Watches) known[row] = known[row] + terms;
-                   });
+  pack.each_reader(sweep.u, sweep.others, [&](int row, const Number& read, const Number& terms) {
+    right[row] = right[row] - read;
+    if (Watches) known[row] = known[row] + terms;
+  });
   const BlockModel::Row* const rows = pack.rows();
   const auto project = [&](int i, const Number& to) {
     return Number::smaller(Number::larger(to, lower[i]), upper[i]);
@@ -173,7 +175,8 @@ bool sweep_pack(const Pack<Number, Fixed>& pack, const BlockSweep& sweep) {
       }
       const Number near = Number(sweep.near * row->inverse) * terms;
       const Number to = Number(row->inverse) * sum;
-      u[i] = Number::choose(to < lower[i] + near, lower[i], Number::choose(upper[i] - near < to, upper[i], to));
+      u[i] =
+          Number::choose(to < lower[i] + near, lower[i], Number::choose(upper[i] - near < to, upper[i], to));
       moved |= Number(sweep.still * row->inverse) * terms < (u[i] - before[i]).absolute();
     }
   }
@@ -245,7 +248,7 @@ struct SingleRows {
     }
   }
   double diagonal, inverse;
-  double value[Count > 0 ? Count : 1];          // NOLINT
+  double value[Count > 0 ? Count : 1];           // NOLINT
   std::ptrdiff_t offset[Count > 0 ? Count : 1];  // NOLINT
 };
 

@@ -6,40 +6,13 @@
 
 #include "petsc/alike.hpp"
 #include "petsc/sparse.hpp"
+#include "vi/small_box.hpp"
 
 namespace sweepvi {
 
 namespace {
 
 constexpr std::int32_t longest_run = 512;  // blocks: their part of a few vectors stays in the cache
-
-/// Rows of a dense block in an order in which each finds what it reads there already: the next one is one
-/// that has all it reads, or else the one that reads most.
-std::vector<int> chain_of(const std::vector<double>& matrix, int size) {
-  const auto reads = [&](int i, int j) { return j != i && matrix[static_cast<std::size_t>(i * size + j)] != 0.0; };
-  std::vector<int> order;
-  std::vector<char> taken(static_cast<std::size_t>(size), 0);
-  while (static_cast<int>(order.size()) < size) {
-    int next = -1, most_read = -1;
-    for (int i = 0; i < size; ++i) {
-      if (taken[static_cast<std::size_t>(i)] != 0) continue;
-      int behind = 0, read = 0;
-      for (int j = 0; j < size; ++j) {
-        if (!reads(i, j)) continue;
-        ++read;
-        if (taken[static_cast<std::size_t>(j)] == 0) ++behind;
-      }
-      const int rank = behind == 0 ? size : read;
-      if (rank > most_read) {
-        most_read = rank;
-        next = i;
-      }
-    }
-    taken[static_cast<std::size_t>(next)] = 1;
-    order.push_back(next);
-  }
-  return order;
-}
 
 }  // namespace
 
@@ -105,7 +78,7 @@ BlockRows::BlockRows(const AffineRows& rows, const std::vector<PetscInt>& block)
 void BlockRows::add_kind(int size, const std::vector<double>& own, const std::vector<std::int32_t>& readers) {
   Kind kind{size, static_cast<std::int32_t>(rows_.size()), static_cast<std::int32_t>(entries_.size()),
             static_cast<std::int32_t>(readers_.size()), 0};
-  for (const int i : chain_of(own, size)) {
+  for (const int i : reading_order(own, size)) {
     const auto at = [&](int j) { return own[static_cast<std::size_t>(i * size + j)]; };
     for (int j = 0; j < size; ++j)
       if (j != i && at(j) != 0.0) entries_.push_back({j, at(j)});
@@ -114,6 +87,7 @@ void BlockRows::add_kind(int size, const std::vector<double>& own, const std::ve
   readers_.insert(readers_.end(), readers.begin(), readers.end());
   kind.readers_end = static_cast<std::int32_t>(readers_.size());
   kinds_.push_back(kind);
+  matrices_.push_back(own);
 }
 
 // Long ones of equal readings; those between, of one kind.
@@ -135,8 +109,8 @@ void BlockRows::find_runs(const std::vector<std::int32_t>& kind_of, const std::v
     const auto k = static_cast<std::size_t>(e);
     const bool alike = is_long(e);
     PetscInt end = alike ? std::min(same_until[k], e + longest_run) : e + 1;
-    while (!alike && end < blocks && end < e + longest_run && kind_of[static_cast<std::size_t>(end)] == kind_of[k] &&
-           !is_long(end))
+    while (!alike && end < blocks && end < e + longest_run &&
+           kind_of[static_cast<std::size_t>(end)] == kind_of[k] && !is_long(end))
       ++end;
     const auto kind = kind_of[k];
     const auto count = static_cast<std::int32_t>(end - e);
@@ -169,8 +143,8 @@ RowRatios BlockRows::judge(Vec u, Vec lower, Vec upper, Vec b, Vec b_terms, Vec 
   const ReadArray right_terms(b_terms);
   const WriteArray result(f);
   const WriteArray size_of(terms);
-  BlockJudge judge{own.data(),   others,          l.data(),      h.data(),
-              right.data(), right_terms.data(), result.data(), size_of.data()};
+  BlockJudge judge{own.data(),         others,        l.data(),      h.data(), right.data(),
+                   right_terms.data(), result.data(), size_of.data()};
   const BlockKernels& kernels = block_kernels();
   const BlockModel model = this->model();
   for (const Run& run : runs_)

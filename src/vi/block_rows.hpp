@@ -25,7 +25,10 @@ public:
   bool small() const { return small_; }
   const AffineRows& rows() const { return *affine_; }
   const std::vector<Run>& runs() const { return runs_; }
+  const std::vector<Kind>& kinds() const { return kinds_; }
   BlockModel model() const;
+  /// Of each kind, row by row.
+  const std::vector<std::vector<double>>& matrices() const { return matrices_; }
   const std::vector<BlockModel::Entry>& entries() const { return entries_; }
   const std::vector<BlockModel::FarEntry>& far() const { return far_; }
   std::size_t packs() const { return static_cast<std::size_t>(packs_); }
@@ -43,6 +46,7 @@ private:
   const AffineRows* affine_ = nullptr;
   bool small_ = false;
   std::vector<Kind> kinds_;
+  std::vector<std::vector<double>> matrices_;  // row by row, of each kind
   std::vector<BlockModel::Row> rows_;
   std::vector<BlockModel::Entry> entries_;
   std::vector<std::int32_t> readers_;

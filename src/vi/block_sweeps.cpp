@@ -7,7 +7,6 @@
 #include <span>
 #include <utility>
 
-#include "petsc/alike.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -19,117 +18,74 @@ constexpr double settled = 2e-16;  // change of what a row reads, over the terms
 
 }  // namespace
 
-BlockSweeps::BlockSweeps(MPI_Comm comm, const AffineRows& rows, const std::vector<PetscInt>& block,
-                         Degenerate degenerate)
+BlockSweeps::BlockSweeps(MPI_Comm comm, const BlockRows& rows, Degenerate degenerate)
     : comm_(comm),
-      rows_(rows),
+      rows_(rows.rows()),
+      blocks_(rows),
       slack_(degenerate == Degenerate::at_bound    ? held_rtol
              : degenerate == Degenerate::off_bound ? -held_rtol
                                                    : 0.0),
-      count_(rows.size()) {
-  int small = find_blocks(rows, block) ? 1 : 0;
+      count_(rows.rows().size()) {
+  int small = rows.small() ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &small, 1, MPI_INT, MPI_LAND, comm);
+  if (small != 0) make_boxes();
   rate_ = small != 0 ? contraction() : HUGE_VAL;
   MPI_Allreduce(MPI_IN_PLACE, &rate_, 1, MPI_DOUBLE, MPI_MAX, comm);
   if (!worthwhile()) forget_blocks();
 }
 
+void BlockSweeps::make_boxes() {
+  for (std::size_t k = 0; k < blocks_.kinds().size(); ++k)
+    boxes_.emplace_back(blocks_.kinds()[k].size, blocks_.matrices()[k]);
+  std::size_t blocks = 0;
+  std::size_t readers = 0;
+  for (const BlockRows::Run& run : blocks_.runs()) {
+    const BlockRows::Kind& kind = blocks_.kinds()[static_cast<std::size_t>(run.kind)];
+    blocks += static_cast<std::size_t>(run.count);
+    readers +=
+        static_cast<std::size_t>(run.count) * static_cast<std::size_t>(kind.readers_end - kind.readers);
+  }
+  read_.resize(readers);
+  inverses_.resize(blocks);
+  active_.assign(blocks, 0);
+  bounded_.assign(blocks, 0);
+}
+
 void BlockSweeps::forget_blocks() {
-  blocks_ = {};
-  readings_ = {};
-  rows_of_readings_ = {};
-  entries_ = {};
+  boxes_ = {};
   read_ = {};
   inverses_ = {};
   active_ = {};
   bounded_ = {};
 }
 
-// Calls visit(number of the block, itself, its box, its first unknown, its first reading row of all).
+// Calls visit(number of the block, its box, its first unknown, its first reading row of all).
 template <class Visit>
 void BlockSweeps::each_block(Visit&& visit) {
-  PetscInt first = 0;
   std::size_t row = 0;
-  for (std::size_t e = 0; e < blocks_.size(); ++e) {
-    const Block& block = blocks_[e];
-    SmallBox& box = boxes_[static_cast<std::size_t>(block.box)];
-    visit(e, block, box, first, row);
-    const Reading& reading = readings_[static_cast<std::size_t>(block.reading)];
-    row += static_cast<std::size_t>(reading.end - reading.first);
-    first += box.size();
+  for (const BlockRows::Run& run : blocks_.runs()) {
+    const BlockRows::Kind& kind = blocks_.kinds()[static_cast<std::size_t>(run.kind)];
+    SmallBox& box = boxes_[static_cast<std::size_t>(run.kind)];
+    auto first = static_cast<PetscInt>(run.first);
+    for (std::int32_t e = 0; e < run.count; ++e, first += kind.size) {
+      visit(Block{static_cast<std::size_t>(run.block + e), &kind}, box, first, row);
+      row += static_cast<std::size_t>(kind.readers_end - kind.readers);
+    }
   }
 }
 
 // Calls visit(row in the block, its entries).
 template <class Visit>
 void BlockSweeps::each_reading_row(const Block& block, Visit&& visit) const {
-  const Reading& reading = readings_[static_cast<std::size_t>(block.reading)];
-  auto begin = entries_.data() + reading.entries;
-  for (auto r = reading.first; r < reading.end; ++r) {
-    const ReadingRow& row = rows_of_readings_[static_cast<std::size_t>(r)];
-    const Entry* end = entries_.data() + row.end;
-    visit(row.row, std::span(begin, end));
+  const BlockModel model = blocks_.model();
+  const BlockModel::Reading& reading = model.readings[model.reading[block.number]];
+  const BlockModel::FarEntry* begin = model.far + reading.entries;
+  const std::int32_t* ends = model.ends + reading.ends;
+  for (auto j = block.kind->readers; j < block.kind->readers_end; ++j, ++ends) {
+    const BlockModel::FarEntry* const end = model.far + *ends;
+    visit(model.readers[j], std::span(begin, end));
     begin = end;
   }
-}
-
-bool BlockSweeps::find_blocks(const AffineRows& rows, const std::vector<PetscInt>& block) {
-  Alike boxes, readings;
-  std::vector<double> matrix, read;  // read: row, number of entries, entries
-  std::size_t reading_rows = 0;
-  for (PetscInt first = 0; first < count_;) {
-    PetscInt end = first + 1;
-    while (end < count_ && block[static_cast<std::size_t>(end)] == block[static_cast<std::size_t>(first)])
-      ++end;
-    const auto size = static_cast<int>(end - first);
-    if (size > SmallBox::largest) return false;
-    matrix.assign(static_cast<std::size_t>(size) * static_cast<std::size_t>(size), 0.0);
-    read.clear();
-    for (PetscInt i = first; i < end; ++i) {
-      std::size_t head = 0;
-      for (const auto& [offset, value] : rows.entries(i)) {
-        const PetscInt column = i + offset;
-        if (column >= first && column < end) {
-          matrix[static_cast<std::size_t>((i - first) * size + column - first)] = value;
-        } else if (value != 0.0) {
-          if (head == 0) {
-            read.push_back(static_cast<double>(i - first));
-            head = read.size();
-            read.push_back(0.0);
-          }
-          read[head] += 1.0;
-          read.push_back(static_cast<double>(column - first));
-          read.push_back(value);
-        }
-      }
-    }
-    const auto [box, new_box] = boxes.number(matrix);
-    if (new_box) boxes_.emplace_back(size, matrix);
-    const auto [reading, new_reading] = readings.number(read);
-    if (new_reading) add_reading(read);
-    blocks_.push_back({box, reading});
-    const Reading& its = readings_[static_cast<std::size_t>(reading)];
-    reading_rows += static_cast<std::size_t>(its.end - its.first);
-    first = end;
-  }
-  read_.resize(reading_rows);
-  inverses_.resize(blocks_.size());
-  active_.assign(blocks_.size(), 0);
-  bounded_.assign(blocks_.size(), 0);
-  return true;
-}
-
-void BlockSweeps::add_reading(const std::vector<double>& read) {
-  Reading reading{static_cast<std::int32_t>(rows_of_readings_.size()), 0,
-                  static_cast<std::int32_t>(entries_.size())};
-  for (std::size_t k = 0; k < read.size();) {
-    const auto row = static_cast<std::int32_t>(read[k++]);
-    for (auto left = static_cast<int>(read[k++]); left > 0; --left, k += 2)
-      entries_.push_back({static_cast<PetscInt>(read[k]), read[k + 1]});
-    rows_of_readings_.push_back({row, static_cast<std::int32_t>(entries_.size())});
-  }
-  reading.end = static_cast<std::int32_t>(rows_of_readings_.size());
-  readings_.push_back(reading);
 }
 
 // About the spectral radius of |inverse| |what blocks read| without active sets: how a vector that is 1 at
@@ -144,17 +100,17 @@ double BlockSweeps::contraction() {
     const double* others = rows_.ghosts(vector.get());
     const WriteArray x(vector.get());
     largest = 0.0;
-    each_block([&](std::size_t, const Block& block, SmallBox& box, PetscInt first, std::size_t) {
+    each_block([&](const Block& block, SmallBox& box, PetscInt first, std::size_t) {
       const double* inverse = box.inverse_of(0);
       if (inverse == nullptr) {  // singular
         largest = HUGE_VAL;
         return;
       }
       left.fill(0.0);
-      each_reading_row(block, [&](int row, std::span<const Entry> entries) {
+      each_reading_row(block, [&](int row, std::span<const BlockModel::FarEntry> entries) {
         double sum = 0.0;
-        for (const Entry& entry : entries) {
-          const PetscInt column = first + entry.offset;
+        for (const BlockModel::FarEntry& entry : entries) {
+          const PetscInt column = first + static_cast<PetscInt>(entry.offset);
           sum += std::abs(entry.value) * (column < count_ ? x[column] : others[column - count_]);
         }
         const double* column = inverse + static_cast<std::ptrdiff_t>(row) * box.stride();
@@ -173,7 +129,8 @@ bool BlockSweeps::first_sweep(const double* guess, double* u, const double* b, c
                               const double* upper, const double* others) {
   std::array<double, SmallBox::largest> right;  // NOLINT: filled as far as it is read
   bool found = true;
-  each_block([&](std::size_t e, const Block& block, SmallBox& box, PetscInt first, std::size_t reading_row) {
+  each_block([&](const Block& block, SmallBox& box, PetscInt first, std::size_t reading_row) {
+    const std::size_t e = block.number;
     if (!found) return;
     const int size = box.size();
     SmallBox::Mask active = 0, bounded = 0;
@@ -183,10 +140,10 @@ bool BlockSweeps::first_sweep(const double* guess, double* u, const double* b, c
       if (guess[first + i] <= lower[first + i] || guess[first + i] >= upper[first + i]) active |= 1U << i;
     }
     double* read = read_.data() + reading_row;
-    each_reading_row(block, [&](int row, std::span<const Entry> entries) {
+    each_reading_row(block, [&](int row, std::span<const BlockModel::FarEntry> entries) {
       double sum = 0.0;
-      for (const Entry& entry : entries) {
-        const PetscInt column = first + entry.offset;
+      for (const BlockModel::FarEntry& entry : entries) {
+        const PetscInt column = first + static_cast<PetscInt>(entry.offset);
         sum += entry.value * (column < first    ? u[column]
                               : column < count_ ? guess[column]
                                                 : others[column - count_]);
@@ -209,14 +166,15 @@ bool BlockSweeps::first_sweep(const double* guess, double* u, const double* b, c
 template <class After>
 double BlockSweeps::carry_on(double* u, const double* b, const double* others, After&& after) {
   double change = 0.0;
-  each_block([&](std::size_t e, const Block& block, SmallBox& box, PetscInt first, std::size_t reading_row) {
+  each_block([&](const Block& block, SmallBox& box, PetscInt first, std::size_t reading_row) {
+    const std::size_t e = block.number;
     double* read = read_.data() + reading_row;
     bool changed = false;
-    each_reading_row(block, [&](int row, std::span<const Entry> entries) {
+    each_reading_row(block, [&](int row, std::span<const BlockModel::FarEntry> entries) {
       double sum = 0.0;
       double terms = std::abs(b[first + row]);
-      for (const Entry& entry : entries) {
-        const PetscInt column = first + entry.offset;
+      for (const BlockModel::FarEntry& entry : entries) {
+        const PetscInt column = first + static_cast<PetscInt>(entry.offset);
         const double term = entry.value * (column < count_ ? u[column] : others[column - count_]);
         sum += term;
         terms += std::abs(term);
@@ -229,20 +187,20 @@ double BlockSweeps::carry_on(double* u, const double* b, const double* others, A
       if (std::abs(by) > change * terms) change = std::abs(by) / terms;
       add_column(box.size(), inverses_[e] + static_cast<std::ptrdiff_t>(row) * box.stride(), -by, u + first);
     });
-    if (changed) after(e, box, first, read_.data() + reading_row);
+    if (changed) after(block, box, first, read_.data() + reading_row);
   });
   return change;
 }
 
 double BlockSweeps::next_sweep(double* u, const double* b, const double* others) {
-  return carry_on(u, b, others, [](std::size_t, const SmallBox&, PetscInt, const double*) {});
+  return carry_on(u, b, others, [](const Block&, const SmallBox&, PetscInt, const double*) {});
 }
 
 // What is left of b for a block by what it reads.
 void BlockSweeps::find_right(const Block& block, const SmallBox& box, const double* b, const double* read,
                              double* right) const {
   std::copy_n(b, box.size(), right);
-  each_reading_row(block, [&](int row, std::span<const Entry>) { right[row] -= *read++; });
+  each_reading_row(block, [&](int row, std::span<const BlockModel::FarEntry>) { right[row] -= *read++; });
 }
 
 // Whether the set of a block still is that of a solution, but for rounding.
@@ -273,9 +231,10 @@ double BlockSweeps::sweep_and_check(double* u, const double* b, const double* lo
   std::array<double, SmallBox::largest> right;  // NOLINT: filled as far as it is read
   bool switched = false;
   const double change =
-      carry_on(u, b, others, [&](std::size_t e, SmallBox& box, PetscInt first, const double* read) {
+      carry_on(u, b, others, [&](const Block& block, SmallBox& box, PetscInt first, const double* read) {
+        const std::size_t e = block.number;
         if (bounded_[e] == 0) return;
-        find_right(blocks_[e], box, b + first, read, right.data());
+        find_right(block, box, b + first, read, right.data());
         if (set_holds(box, e, right.data(), lower + first, upper + first, u + first)) return;
         SmallBox::Mask active = active_[e];
         const double* inverse =
@@ -291,7 +250,8 @@ double BlockSweeps::sweep_and_check(double* u, const double* b, const double* lo
 void BlockSweeps::refine(Vec u, Vec f) {
   const WriteArray x(u);
   const ReadArray off(f);
-  each_block([&](std::size_t e, const Block&, SmallBox& box, PetscInt first, std::size_t) {
+  each_block([&](const Block& block, SmallBox& box, PetscInt first, std::size_t) {
+    const std::size_t e = block.number;
     for (int j = 0; j < box.size(); ++j)
       if ((active_[e] >> j & 1U) == 0)
         add_column(box.size(), inverses_[e] + static_cast<std::ptrdiff_t>(j) * box.stride(), -off[first + j],

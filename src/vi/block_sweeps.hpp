@@ -3,8 +3,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "petsc/affine_rows.hpp"
 #include "sweepvi/dvi.hpp"
+#include "vi/block_rows.hpp"
 #include "vi/small_box.hpp"
 
 namespace sweepvi {
@@ -19,10 +19,8 @@ namespace sweepvi {
 /// whether it is right; an active set may change after the first sweep, or coupling be too strong.
 class BlockSweeps {
 public:
-  /// @param block  of each of this rank's unknowns; those of a block side by side
-  /// @param rows   must outlive this @note Collective, like all methods but `worthwhile`.
-  BlockSweeps(MPI_Comm comm, const AffineRows& rows, const std::vector<PetscInt>& block,
-              Degenerate degenerate);
+  /// @param rows  must outlive this @note Collective, like all methods but `worthwhile`.
+  BlockSweeps(MPI_Comm comm, const BlockRows& rows, Degenerate degenerate);
 
   /// Blocks are small and sweeps contract. The same on every rank.
   bool worthwhile() const { return rate_ <= 0.2; }
@@ -35,26 +33,13 @@ public:
   void refine(Vec u, Vec f);
 
 private:
-  /// Rows of a block that read others, and what of them: shared by blocks that do so alike.
-  struct ReadingRow {
-    std::int32_t row;  // in its block
-    std::int32_t end;  // of its entries, which begin where those of the row before end
-  };
-  struct Entry {
-    PetscInt offset;  // column, from the first unknown of the block
-    double value;
-  };
-  struct Reading {
-    std::int32_t first, end;  // rows
-    std::int32_t entries;     // first of its entries
-  };
   struct Block {
-    std::int32_t box, reading;
+    std::size_t number;
+    const BlockRows::Kind* kind;
   };
 
   void forget_blocks();
-  bool find_blocks(const AffineRows& rows, const std::vector<PetscInt>& block);
-  void add_reading(const std::vector<double>& read);
+  void make_boxes();
   double contraction();
   bool first_sweep(const double* guess, double* u, const double* b, const double* lower, const double* upper,
                    const double* others);
@@ -74,14 +59,11 @@ private:
 
   MPI_Comm comm_;
   const AffineRows& rows_;
-  double slack_;                          // of degenerate rows, over their terms
-  double rate_ = 0.0;                     // contraction of a sweep
-  PetscInt count_ = 0;                    // unknowns
-  std::vector<SmallBox> boxes_;
-  std::vector<Block> blocks_;
-  std::vector<Reading> readings_;
-  std::vector<ReadingRow> rows_of_readings_;
-  std::vector<Entry> entries_;
+  const BlockRows& blocks_;
+  double slack_;                         // of degenerate rows, over their terms
+  double rate_ = 0.0;                    // contraction of a sweep
+  PetscInt count_ = 0;                   // unknowns
+  std::vector<SmallBox> boxes_;          // of each kind of blocks
   std::vector<double> read_;             // by each reading row of each block
   std::vector<const double*> inverses_;  // of each block's set
   std::vector<SmallBox::Mask> active_, bounded_;

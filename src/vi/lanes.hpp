@@ -4,8 +4,8 @@
 
 #include "vi/block_kernels.hpp"
 
-// Included by each file of kernels, which may be compiled for other processors than the rest: nothing here has
-// a name beyond that file, and nothing of the standard library is instantiated.
+// Included by each file of kernels, which may be compiled for other processors than the rest: nothing here
+// has a name beyond that file, and nothing of the standard library is instantiated.
 namespace sweepvi {
 namespace {
 
@@ -74,10 +74,18 @@ public:
       result.part[k] = part_[k] < b.part_[k];
     return result;
   }
+  /// Not a <= b: also where a number is none.
+  static Mask not_ordered(const Lanes& a, const Lanes& b) {
+    Mask result;  // NOLINT
+    for (int k = 0; k < parts; ++k)
+      result.part[k] = ~(a.part_[k] <= b.part_[k]);
+    return result;
+  }
   Lanes absolute() const {
     Lanes result;
     for (int k = 0; k < parts; ++k)
-      result.part_[k] = reinterpret_cast<Part>(reinterpret_cast<MaskPart>(part_[k]) & ((MaskPart{} - 1) ^ sign_bit()));
+      result.part_[k] =
+          reinterpret_cast<Part>(reinterpret_cast<MaskPart>(part_[k]) & ((MaskPart{} - 1) ^ sign_bit()));
     return result;
   }
   /// The larger one and the smaller one; `a` where a number is none.
@@ -99,7 +107,9 @@ public:
       result.part_[k] = mask.part[k] ? a.part_[k] : b.part_[k];
     return result;
   }
-  double operator[](int lane) const { return part_[lane / part_width][lane % part_width]; }
+  double operator[](int lane) const {
+    return part_[lane / part_width][lane % part_width];
+  }
 
   /// Numbers that are `stride` apart.
   static Lanes load(const double* from, std::ptrdiff_t stride) {
@@ -134,7 +144,9 @@ private:
 #else
   using Unaligned = double __attribute__((vector_size(16), aligned(8), may_alias));
 #endif
-  static MaskPart sign_bit() { return reinterpret_cast<MaskPart>(-0.0 - Part{}); }
+  static MaskPart sign_bit() {
+    return reinterpret_cast<MaskPart>(-0.0 - Part{});
+  }
   Part part_[parts];  // NOLINT
 };
 
@@ -154,6 +166,7 @@ public:
   Single operator-(Single b) const { return value_ - b.value_; }
   Single operator*(Single b) const { return value_ * b.value_; }
   Mask operator<(Single b) const { return {value_ < b.value_}; }
+  static Mask not_ordered(Single a, Single b) { return {!(a.value_ <= b.value_)}; }
   Single absolute() const { return __builtin_fabs(value_); }
   static Single larger(Single a, Single b) { return a.value_ < b.value_ ? b : a; }
   static Single smaller(Single a, Single b) { return b.value_ < a.value_ ? b : a; }

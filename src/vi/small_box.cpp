@@ -75,37 +75,45 @@ SmallBox::SmallBox(int size, std::vector<double> matrix)
   find_chain();
 }
 
-// Rows whose reads are all there already come next; else the one that reads most. Summing rows in that order
-// must not make much of the errors there are: none that is 1 in all unknowns may grow beyond `most`.
-void SmallBox::find_chain() {
-  constexpr double most = 2.0;
-  const auto entry = [&](int i, int j) { return matrix_[place(size_, j, i)]; };
-  std::vector<char> taken(static_cast<std::size_t>(size_), 0);
-  for (int count = 0; count < size_; ++count) {
+std::vector<int> reading_order(const std::vector<double>& matrix, int size) {
+  const auto reads = [&](int i, int j) { return j != i && matrix[place(size, j, i)] != 0.0; };
+  std::vector<int> order;
+  std::vector<char> taken(static_cast<std::size_t>(size), 0);
+  while (static_cast<int>(order.size()) < size) {
     int next = -1, most_read = -1;
-    for (int i = 0; i < size_; ++i) {
+    for (int i = 0; i < size; ++i) {
       if (taken[static_cast<std::size_t>(i)] != 0) continue;
       int behind = 0, read = 0;
-      for (int j = 0; j < size_; ++j) {
-        if (j == i || entry(i, j) == 0.0) continue;
+      for (int j = 0; j < size; ++j) {
+        if (!reads(i, j)) continue;
         ++read;
         if (taken[static_cast<std::size_t>(j)] == 0) ++behind;
       }
-      const int rank = behind == 0 ? size_ : read;
+      const int rank = behind == 0 ? size : read;
       if (rank > most_read) {
         most_read = rank;
         next = i;
       }
     }
     taken[static_cast<std::size_t>(next)] = 1;
+    order.push_back(next);
+  }
+  return order;
+}
+
+// Summing rows in that order must not make much of the errors there are: none that is 1 in all unknowns may
+// grow beyond `most`.
+void SmallBox::find_chain() {
+  constexpr double most = 2.0;
+  const auto entry = [&](int i, int j) { return matrix_[place(size_, j, i)]; };
+  for (const int next : reading_order(matrix_, size_)) {
     const double by = 1.0 / entry(next, next);
     for (int j = 0; j < size_; ++j)
       if (j != next && entry(next, j) != 0.0) reads_.push_back({j, by * entry(next, j)});
     chain_.push_back({next, static_cast<int>(reads_.size()), by});
   }
   std::vector<double> error(static_cast<std::size_t>(size_), 1.0);
-  const double once = mended_error(error);
-  if (once <= most) return;
+  if (mended_error(error) <= most) return;
   chain_.clear();  // it is more, or not a number
   reads_.clear();
 }

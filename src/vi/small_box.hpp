@@ -70,6 +70,10 @@ private:
   std::vector<Set> sets_;
 };
 
+/// The rows of a dense matrix in an order in which each finds what it reads there already, where that can be:
+/// the next one is one that has all it reads, or else the one that reads most.
+std::vector<int> reading_order(const std::vector<double>& matrix, int size);
+
 /// y += factor * column, for sizes of elements in straight code.
 inline void add_column(int size, const double* column, double factor, double* y) {
   const auto add = [&](auto count) {

@@ -264,20 +264,25 @@ double StepSolver::settle() {
 
 // Whether there are blocks, and sweeps over them contract.
 bool StepSolver::prepare_sweeps(const AffineStep& affine) {
-  if (affine.rows == nullptr || affine.block == nullptr) return false;
-  if (!sweeps_ || swept_version_ != problem_.jacobian_version()) {
-    row_sweeps_ = affine.block_rows != nullptr ? std::make_unique<RowSweeps>(problem_.comm(), *affine.block_rows, problem_.degenerate()) : nullptr;
-    sweeps_ =
-        std::make_unique<BlockSweeps>(problem_.comm(), *affine.rows, *affine.block, problem_.degenerate());
+  if (affine.blocks == nullptr) return false;
+  if (!row_sweeps_ || swept_version_ != problem_.jacobian_version()) {
+    row_sweeps_ = std::make_unique<RowSweeps>(problem_.comm(), *affine.blocks, problem_.degenerate());
+    sweeps_.reset();
     swept_version_ = problem_.jacobian_version();
   }
-  return sweeps_->worthwhile() || (row_sweeps_ && row_sweeps_->worthwhile());
+  return row_sweeps_->worthwhile() || prepare_block_sweeps(affine);
+}
+
+bool StepSolver::prepare_block_sweeps(const AffineStep& affine) {
+  if (!sweeps_)
+    sweeps_ = std::make_unique<BlockSweeps>(problem_.comm(), *affine.blocks, problem_.degenerate());
+  return sweeps_->worthwhile();
 }
 
 // Row by row, where diagonals govern.
 bool StepSolver::sweep_rows(const AffineStep& affine) {
   constexpr int most_rounds = 2;
-  if (!row_sweeps_ || !row_sweeps_->worthwhile()) return false;
+  if (!row_sweeps_->worthwhile()) return false;
   check(VecCopy(guess_.get(), u_.get()));
   for (int round = 0; round < most_rounds; ++round) {
     row_sweeps_->solve(u_.get(), affine.right_side, lower_.get(), upper_.get());
@@ -293,7 +298,7 @@ bool StepSolver::sweep() {
   const AffineStep affine = problem_.affine();
   if (!prepare_sweeps(affine)) return false;
   if (sweep_rows(affine)) return true;
-  if (!sweeps_->worthwhile()) return false;
+  if (!prepare_block_sweeps(affine)) return false;
   bool refines = false;
   for (int round = 0; round < most_rounds; ++round) {
     Vec start = round == 0 ? guess_.get() : u_.get();
@@ -311,11 +316,13 @@ bool StepSolver::sweep() {
 
 // Puts the predictor's guess into u_ if that one is good to rounding.
 bool StepSolver::predict() {
+  process_predicted_ = false;
   if (!predictor_) return false;
   const LogEvent::Scope logged(events_->predict);
   if (problem_.predicts()) {
     check(VecCopy(guess_.get(), u_.get()));
-    if (problem_.predict(u_.get())) {
+    process_predicted_ = problem_.predict(u_.get());
+    if (process_predicted_) {
       settle();
       return true;
     }
@@ -478,7 +485,10 @@ StepReport StepSolver::solve(const Step& step, bool brief) {
     StepReport report;
     report.rung = rung;
     report.attempts = ++attempts;
-    if (predicted && attempts == 2) choose_scale();
+    if (predicted && attempts == 2) {
+      if (process_predicted_) static_cast<void>(problem_.predict(guess_.get()));  // where others start from
+      choose_scale();
+    }
     iterations += attempt(rung, report.reason);
     if (rung == Rung::pivoting) pivoting = report.reason;
     report.residual = settled_ratio(u_.get());

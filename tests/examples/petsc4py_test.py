@@ -85,9 +85,9 @@ class Petsc4py(unittest.TestCase):
     def test_residue_decides_on_contact(self):
         counts = range(100, 200, 3)
         changed, missed, verdict = paper65.residue(counts)
-        # Which ones is up to rounding; of the 100 numbers of the gallery 37 and 17.
+        # Which ones is up to rounding, and that to the processor; of the 100 numbers of the gallery 37 and 17.
         self.assertGreater(len(missed), 0)
-        self.assertGreater(changed, len(missed))
+        self.assertGreaterEqual(changed, len(missed))
         self.assertEqual(sum(verdict.values()), sum(counts))
         self.assertTrue(all(reason.startswith("CONVERGED_") for reason in verdict), verdict)
         steps, error, masked = missed[0]
