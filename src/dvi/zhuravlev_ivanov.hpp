@@ -73,9 +73,11 @@ private:
   void relax(Vec guess);
   void relax_once(Vec known, const double* others, const double* other_velocities, Vec guess, bool first);
   void find_motions();
+  void renew_accelerations(Vec guess);
   double move_once(Vec known, const double* others, const double* other_velocities);
   bool counts_on(PetscInt i, double acceleration, double force_terms) const;
   bool sweep(Vec guess);
+  void follow(Vec guess);
   bool is_ruled(Vec u) const;
   OscillatorState rows_of(const OscillatorStep& step, const OscillatorState& now, double acceleration) const;
   void set_own_entries(Vec u, Mat jacobian);
@@ -125,9 +127,10 @@ private:
   bool has_force_terms_ = false;
   Vector x_hat_, velocity_hat_, a_;  // of the point looked at last
   Vector force_terms_, work_, inner_;
-  std::vector<Branch> branches_;  // of each oscillator, in the guess
-  std::vector<Motion> motions_;   // on them
-  bool ruled_ = false;            // the rule takes all of them; the point was
+  std::vector<Branch> branches_;   // of each oscillator, in the guess
+  std::vector<Motion> motions_;    // on them
+  std::vector<PetscInt> changed_;  // in the last sweep
+  bool ruled_ = false;             // the rule takes all of them; the point was
   Point ruled_at_;
   std::vector<StepEvent> events_;
   double dissipated_ = 0.0;

@@ -21,8 +21,14 @@ bool ZhuravlevIvanov::predict(Vec guess) {
   else
     choose_all(guess);
   for (int sweeps = 1; sweeps <= most_sweeps_; ++sweeps) {
-    find_accelerations(guess);
-    if (!sweep(guess)) continue;
+    if (oscillators_.linear())
+      renew_accelerations(guess);
+    else
+      find_accelerations(guess);
+    if (!sweep(guess)) {
+      if (oscillators_.linear()) follow(guess);
+      continue;
+    }
     ruled_ = true;
     ruled_at_ = looked_at_;
     return true;
@@ -90,6 +96,27 @@ void ZhuravlevIvanov::relax(Vec guess) {
   other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
   relax_once(known, others, other_velocities, guess, false);
   looked_at_ = Point{};
+}
+
+/// Those of linear oscillators by x^ and x'^, which are those of the guess already.
+void ZhuravlevIvanov::renew_accelerations(Vec guess) {
+  const double* others = x_rows_.ghosts(x_hat_.get());
+  {
+    const ReadArray x(x_hat_.get());
+    const ReadArray left(work_.get());
+    const WriteArray a(a_.get());
+    x_rows_.each_row(x.data(), others,
+                     [&](PetscInt i, const AffineRows::Row& by_x) { a[i] = left[i] + by_x.sum; });
+  }
+  if (derivative_.by_velocity() != nullptr) {
+    others = velocity_rows_.ghosts(velocity_hat_.get());
+    const ReadArray velocity(velocity_hat_.get());
+    const WriteArray a(a_.get());
+    velocity_rows_.each_row(velocity.data(), others,
+                            [&](PetscInt i, const AffineRows::Row& by_v) { a[i] += by_v.sum; });
+  }
+  looked_at_ = Point(guess);
+  has_force_terms_ = false;
 }
 
 /// On the branches there are. Where both signs are known s and v follow a, on the wall they stand still; on
@@ -160,6 +187,7 @@ void ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* 
                                  bool first) {
   const bool damped = derivative_.by_velocity() != nullptr;
   const WriteArray values(guess);
+  const ReadArray old(u_.get());
   const WriteArray x(x_hat_.get());
   const WriteArray velocity(velocity_hat_.get());
   const WriteArray a(a_.get());
@@ -170,7 +198,10 @@ void ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* 
     Branch& branch = branches_[static_cast<std::size_t>(i)];
     a[i] = left[i] + x_rows_.row(i, x.data(), others).sum;
     if (damped) a[i] += velocity_rows_.row(i, velocity.data(), other_velocities).sum;
-    if (!first && counts_on(i, a[i], sizes[i])) continue;
+    if (!first && counts_on(i, a[i], sizes[i])) {
+      std::tie(x[i], velocity[i]) = hats(i, state_at(old.data(), i), branch.state);
+      continue;
+    }
     const OscillatorStep& step = oscillators[i];
     if (first) {
       branch = choose_branch(step);
@@ -186,7 +217,7 @@ void ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* 
 /// those for which the rule takes another branch. Returns true, on all ranks, if there were none, with the
 /// guess as it was.
 bool ZhuravlevIvanov::sweep(Vec guess) {
-  int changed = 0;
+  changed_.clear();
   {
     Oscillators oscillators(*this);
     const ReadArray a(a_.get());
@@ -206,12 +237,63 @@ bool ZhuravlevIvanov::sweep(Vec guess) {
         branch = choose_branch(step);
       }
       put(branch.state, values.data(), i);
-      changed = 1;
+      changed_.push_back(i);
     }
   }
+  int changed = changed_.empty() ? 0 : 1;
   MPI_Allreduce(MPI_IN_PLACE, &changed, 1, MPI_INT, MPI_LOR, comm_);
   if (changed == 0) looked_at_ = Point(guess);
   return changed == 0;
+}
+
+/// Those that changed carry along those of this rank that read them, until nobody counts on another
+/// acceleration: that is few, while a sweep asks all.
+void ZhuravlevIvanov::follow(Vec guess) {
+  const bool damped = derivative_.by_velocity() != nullptr;
+  const WriteArray values(guess);
+  {
+    const ReadArray old(u_.get());
+    const WriteArray x(x_hat_.get());
+    const WriteArray velocity(velocity_hat_.get());
+    for (const PetscInt i : changed_)
+      std::tie(x[i], velocity[i]) = hats(i, state_at(old.data(), i), state_at(values.data(), i));
+  }
+  const double* others = x_rows_.ghosts(x_hat_.get());
+  const double* other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
+  const WriteArray x(x_hat_.get());
+  const WriteArray velocity(velocity_hat_.get());
+  const WriteArray a(a_.get());
+  const ReadArray left(work_.get());
+  const ReadArray sizes(force_terms_.get());
+  Oscillators oscillators(*this);
+  std::vector<PetscInt> readers;
+  const auto take_readers = [&](const AffineRows& rows) {
+    for (const PetscInt i : changed_)
+      for (const AffineRows::Entry& entry : rows.entries(i))
+        if (i + entry.offset < count()) readers.push_back(i + entry.offset);
+  };
+  for (int rounds = 0; rounds < most_sweeps_ && !changed_.empty(); ++rounds) {
+    readers = changed_;
+    take_readers(x_rows_);  // who reads whom is symmetric; where it is not, the next sweep finds them
+    if (damped) take_readers(velocity_rows_);
+    std::sort(readers.begin(), readers.end());
+    readers.erase(std::unique(readers.begin(), readers.end()), readers.end());
+    changed_.clear();
+    for (const PetscInt i : readers) {
+      Branch& branch = branches_[static_cast<std::size_t>(i)];
+      a[i] = left[i] + x_rows_.row(i, x.data(), others).sum;
+      if (damped) a[i] += velocity_rows_.row(i, velocity.data(), other_velocities).sum;
+      if (counts_on(i, a[i], sizes[i])) continue;
+      const OscillatorStep& step = oscillators[i];
+      if (step.off(branch.state, a[i] - branch.acceleration) <= solved * step.least_terms(branch.state))
+        continue;
+      if (!keep_branch(step, branch)) branch = choose_branch(step);
+      put(branch.state, values.data(), i);
+      std::tie(x[i], velocity[i]) = hats(i, step.old, branch.state);
+      changed_.push_back(i);
+    }
+  }
+  looked_at_ = Point{};
 }
 
 /// Whether u is what `predict` found: the rule was asked about it.
