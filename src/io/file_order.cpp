@@ -1,11 +1,11 @@
 #include "io/file_order.hpp"
 
-#include <algorithm>
-
 namespace sweepvi {
 
 FileOrder::FileOrder(MPI_Comm comm, const std::vector<PetscInt>& file_index, PetscInt total) {
-  mine_ = make_vector(comm, static_cast<PetscInt>(file_index.size()));
+  for (std::size_t i = 0; i < file_index.size(); ++i)
+    if (file_index[i] >= 0) kept_.push_back(i);
+  mine_ = make_vector(comm, static_cast<PetscInt>(kept_.size()));
   count_ = PETSC_DECIDE;
   check(PetscSplitOwnership(comm, &count_, &total));
   slice_ = make_vector(comm, count_);
@@ -14,9 +14,8 @@ FileOrder::FileOrder(MPI_Comm comm, const std::vector<PetscInt>& file_index, Pet
   check(VecGetOwnershipRange(mine_.get(), &own_first, nullptr));
   std::vector<PetscInt> from;
   std::vector<PetscInt> to;
-  for (std::size_t i = 0; i < file_index.size(); ++i) {
-    if (file_index[i] < 0) continue;
-    from.push_back(own_first + static_cast<PetscInt>(i));
+  for (const std::size_t i : kept_) {
+    from.push_back(own_first + static_cast<PetscInt>(from.size()));
     to.push_back(file_index[i]);
   }
   IndexSet from_set;
@@ -27,15 +26,19 @@ FileOrder::FileOrder(MPI_Comm comm, const std::vector<PetscInt>& file_index, Pet
   check(VecScatterCreate(mine_.get(), from_set.get(), slice_.get(), to_set.get(), scatter_.put()));
 }
 
-void FileOrder::bring(const double* mine, double* slice) {
-  {
-    const WriteArray values(mine_.get());
-    std::copy_n(mine, values.size(), values.data());
+void FileOrder::bring(const double* mine, double* slice, std::size_t width) {
+  for (std::size_t k = 0; k < width; ++k) {
+    {
+      const WriteArray values(mine_.get());
+      for (std::size_t j = 0; j < kept_.size(); ++j)
+        values[static_cast<PetscInt>(j)] = mine[kept_[j] * width + k];
+    }
+    check(VecScatterBegin(scatter_.get(), mine_.get(), slice_.get(), INSERT_VALUES, SCATTER_FORWARD));
+    check(VecScatterEnd(scatter_.get(), mine_.get(), slice_.get(), INSERT_VALUES, SCATTER_FORWARD));
+    const ReadArray values(slice_.get());
+    for (PetscInt i = 0; i < count_; ++i)
+      slice[static_cast<std::size_t>(i) * width + k] = values[i];
   }
-  check(VecScatterBegin(scatter_.get(), mine_.get(), slice_.get(), INSERT_VALUES, SCATTER_FORWARD));
-  check(VecScatterEnd(scatter_.get(), mine_.get(), slice_.get(), INSERT_VALUES, SCATTER_FORWARD));
-  const ReadArray values(slice_.get());
-  std::copy_n(values.data(), count_, slice);
 }
 
 }  // namespace sweepvi

@@ -19,11 +19,12 @@ public:
 
   PetscInt first() const { return first_; }  ///< this rank's slice of the file order
   PetscInt count() const { return count_; }
-  /// @note Collective.
-  void bring(const double* mine, double* slice);
+  /// Values of `width` numbers each. @note Collective.
+  void bring(const double* mine, double* slice, std::size_t width = 1);
 
 private:
   PetscInt first_ = 0, count_ = 0;
+  std::vector<std::size_t> kept_;  // of this rank's values
   Vector mine_, slice_;
   Scatter scatter_;
 };

@@ -55,10 +55,6 @@ Quantity output_quantity(MPI_Comm comm, const SceneRows& rows, const Selection& 
   return outputs;
 }
 
-void copy(const std::vector<double>& from, double* to) {
-  std::copy(from.begin(), from.end(), to);
-}
-
 }  // namespace
 
 Recording level_recording(const OutputSpec& output, const LinearSystem& system,
@@ -88,7 +84,7 @@ Recording level_recording(const OutputSpec& output, const LinearSystem& system,
                                   .description = "constraint values",
                                   .positions = row_positions,
                                   .total = row_total,
-                                  .read = [rows](double* to) { copy(rows->w(), to); }});
+                                  .read = [rows](double* to) { rows->w(to); }});
   recording.quantities.push_back(
       {.name = "/mu",
        .description = "measures of the steps since the last row, per constraint and level",
@@ -96,18 +92,18 @@ Recording level_recording(const OutputSpec& output, const LinearSystem& system,
        .positions = row_positions,
        .total = row_total,
        .summed = true,
-       .read = [rows](double* to) { copy(rows->mu(), to); }});
+       .read = [rows](double* to) { rows->mu(to); }});
   recording.quantities.push_back({.name = "/level",
                                   .description = "r*, levels that the step ending at t could act on",
                                   .type = FieldSpec::Type::integer,
                                   .positions = row_positions,
                                   .total = row_total,
-                                  .read = [rows](double* to) { copy(rows->level(), to); }});
+                                  .read = [rows](double* to) { rows->level(to); }});
   int has_outputs = dvi.z().empty() ? 0 : 1;
   MPI_Allreduce(MPI_IN_PLACE, &has_outputs, 1, MPI_INT, MPI_LOR, comm);
   if (has_outputs != 0) {
     recording.quantities.push_back(output_quantity(comm, *rows, selection));
-    recording.quantities.back().read = [rows](double* to) { copy(rows->z(), to); };
+    recording.quantities.back().read = [rows](double* to) { rows->z(to); };
   }
   recording.events = [rows, &dvi](double t) {
     std::vector<Event> events;

@@ -209,25 +209,9 @@ void Recorder::step(const Step& step, const StepReport& report, double seconds) 
   if (step.number % every_ == 0 || step.number == last_step_) write(make_row(step.t_new));
 }
 
-// FileOrder brings one number of each entry at a time.
 void Recorder::collect(Column& column) {
   if (!column.quantity.summed) column.quantity.read(column.mine.data());
-  const std::size_t width = column.width;
-  const std::size_t entries = column.mine.size() / width;
-  const auto stored = static_cast<std::size_t>(column.order.count());
-  if (width == 1) {
-    column.order.bring(column.mine.data(), column.slice.data());
-  } else {
-    work_.resize(entries);
-    part_.resize(stored);
-    for (std::size_t k = 0; k < width; ++k) {
-      for (std::size_t i = 0; i < entries; ++i)
-        work_[i] = column.mine[i * width + k];
-      column.order.bring(work_.data(), part_.data());
-      for (std::size_t i = 0; i < stored; ++i)
-        column.slice[i * width + k] = part_[i];
-    }
-  }
+  column.order.bring(column.mine.data(), column.slice.data(), column.width);
   if (column.quantity.summed) std::fill(column.mine.begin(), column.mine.end(), 0.0);
 }
 

@@ -106,7 +106,7 @@ private:
   std::optional<double> pending_;  // time of a step not yet written
   double iterations_ = 0.0, seconds_ = 0.0, residual_ = 0.0;
   StepSolver::Rungs rungs_{};
-  std::vector<double> work_, part_;
+  std::vector<double> work_;
 };
 
 }  // namespace sweepvi

@@ -35,43 +35,36 @@ std::vector<int> SceneRows::degrees() const {
   return result;
 }
 
-std::vector<double> SceneRows::w() const {
-  std::vector<double> result;
-  result.reserve(rows_.size());
+void SceneRows::w(double* to) const {
+  const std::vector<double>& w = dvi_.w();
   for (const Row& row : rows_) {
-    const double w = dvi_.w()[row.constraint];
-    result.push_back(row.mirrored() ? row.output_scale * (wmax_[row.constraint] - w) : w);
+    const double value = w[row.constraint];
+    *to++ = row.mirrored() ? row.output_scale * (wmax_[row.constraint] - value) : value;
   }
-  return result;
 }
 
-std::vector<double> SceneRows::z() const {
+void SceneRows::z(double* to) const {
   const std::vector<double>& z = dvi_.z();
-  std::vector<double> result;
-  if (z.empty()) return result;
-  result.reserve(z.size());
+  if (z.empty()) return;
   for (const Row& row : rows_) {
     const PetscInt first = relative_degree_.first_level[row.constraint];
-    for (int i = 1; i <= relative_degree_.degree[row.constraint]; ++i) {
+    const int levels = relative_degree_.degree[row.constraint];
+    for (int i = 1; i <= levels; ++i) {
       const double value = z[static_cast<std::size_t>(first + i - 1)];
       const double bound = i == 1 && row.mirrored() ? wmax_[row.constraint] : 0.0;
-      result.push_back(row.mirrored() ? row.output_scale * (bound - value) : value);
+      *to++ = row.mirrored() ? row.output_scale * (bound - value) : value;
     }
   }
-  return result;
 }
 
 // r* of a row is 1 while the constraint stands at the other wall.
-std::vector<double> SceneRows::level() const {
-  std::vector<double> result;
-  result.reserve(rows_.size());
+void SceneRows::level(double* to) const {
   for (const Row& row : rows_) {
     const int level = dvi_.level()[row.constraint];
     const Side side = dvi_.side()[row.constraint];
     const bool elsewhere = (side == Side::upper && !row.upper) || (side == Side::lower && !row.lower);
-    result.push_back(elsewhere ? std::min(level, 1) : level);
+    *to++ = elsewhere ? std::min(level, 1) : level;
   }
-  return result;
 }
 
 double SceneRows::measure(const Row& row, int level, double mu) const {
@@ -80,15 +73,12 @@ double SceneRows::measure(const Row& row, int level, double mu) const {
   return std::max(0.0, -mu) * (last ? 1.0 / row.multiplier_scale : row.output_scale);
 }
 
-std::vector<double> SceneRows::mu() const {
+void SceneRows::mu(double* to) const {
   const auto levels = static_cast<std::size_t>(dvi_.mu_levels());
   const std::vector<double>& mu = dvi_.mu();
-  std::vector<double> result(rows_.size() * levels);
-  for (std::size_t k = 0; k < rows_.size(); ++k)
+  for (const Row& row : rows_)
     for (std::size_t i = 0; i < levels; ++i)
-      result[k * levels + i] =
-          measure(rows_[k], static_cast<int>(i) + 1, mu[rows_[k].constraint * levels + i]);
-  return result;
+      *to++ = measure(row, static_cast<int>(i) + 1, mu[row.constraint * levels + i]);
 }
 
 const SceneRows::Row& SceneRows::row_of(const StepEvent& event) const {

@@ -23,10 +23,11 @@ public:
   std::vector<PetscInt> numbers() const;  ///< in the scene
   std::vector<int> degrees() const;
 
-  std::vector<double> w() const;
-  std::vector<double> z() const;  ///< row by row, level by level; empty if the DVI has none
-  std::vector<double> level() const;
-  std::vector<double> mu() const;  ///< measures of the last step, [row][level]
+  // Each writes this rank's numbers, row by row.
+  void w(double* to) const;
+  void z(double* to) const;  ///< level by level; nothing if the DVI has none
+  void level(double* to) const;
+  void mu(double* to) const;  ///< measures of the last step, [row][level]
   PetscInt number_of(const StepEvent& event) const;
   double impulse_of(const StepEvent& event) const;
 
