@@ -53,7 +53,7 @@ ForcedIncrement::ForcedIncrement(const LinearSystem& system, const RelativeDegre
   const PetscInt first_output = row_range(relative_degree.Z.get()).first;
   const auto Z = [&](PetscInt q) { return get_row(relative_degree.Z.get(), first_output + q); };
   const int derivatives = system.f.varies ? std::max(relative_degree.highest - 1, 1) : 1;
-  const Matrix W = coordinates.W();
+  const Matrix W = coordinates.to_u_matrix();
   for (int p = 0; p < derivatives; ++p) {
     // g = sum_p T_p f^(p): (Z f^(p))_i goes to level i + 1 + p
     const Matrix T = placed_outputs(system, relative_degree, coordinates,

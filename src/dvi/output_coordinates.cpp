@@ -101,7 +101,7 @@ void OutputCoordinates::to_x(Vec u, Vec x) const {
   }
 }
 
-Matrix OutputCoordinates::W() const {
+Matrix OutputCoordinates::to_u_matrix() const {
   if (!diagonal_) return Matrix::share(W_.get());
   const PetscInt first = row_range(system_.A.get()).first;
   const ReadArray scale(scale_.get());

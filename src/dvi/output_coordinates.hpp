@@ -25,7 +25,7 @@ public:
 
   /// W is the identity: u is x, but for g.
   bool plain() const { return plain_; }
-  Matrix W() const;
+  Matrix to_u_matrix() const;     ///< W
   void to_u(Vec x, Vec u) const;  ///< u = W x
   void to_x(Vec u, Vec x) const;  ///< x = W^{-1} u
 

@@ -90,9 +90,9 @@ private:
 
   /// How x^ and x'^ of an oscillator follow its acceleration a on its branch: x + x_by_a a, and so on.
   struct Motion {
-    double x, x_by_a, velocity, velocity_by_a;
-    double weight;     // 1 / (1 - what a reads of both of its own)
-    double per_terms;  // what a change of a is over the terms of the row of v, or more
+    double x = 0.0, x_by_a = 0.0, velocity = 0.0, velocity_by_a = 0.0;
+    double weight = 0.0;     // 1 / (1 - what a reads of both of its own)
+    double per_terms = 0.0;  // what a change of a is over the terms of the row of v, or more
   };
 
   /// A vector and its value: PETSc counts changes.

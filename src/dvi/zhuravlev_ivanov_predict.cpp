@@ -133,7 +133,6 @@ void ZhuravlevIvanov::find_motions() {
     const Branch& branch = branches_[static_cast<std::size_t>(i)];
     const OscillatorStep& step = oscillators[i];
     Motion motion;
-    motion.x_by_a = motion.velocity_by_a = 0.0;
     if (branch.sign_s != 0.0 && branch.sign_v != 0.0) {
       const double p = step.lambda_s_hat(branch.sign_s);
       motion.x_by_a = step.theta * step.theta * h_ * h_ * branch.sign_s * p;

@@ -53,9 +53,9 @@ struct BlockModel {
 
 /// A sweep of projected Gauss-Seidel over the blocks of a run.
 struct BlockSweep {
-  double* u;
-  const double *others, *b, *lower, *upper;
-  int rounds;                      // over the rows of a block
+  double* u = nullptr;
+  const double *others = nullptr, *b = nullptr, *lower = nullptr, *upper = nullptr;
+  int rounds = 1;                  // over the rows of a block
   unsigned char* moves = nullptr;  // by pack: whether it is to be swept; then, whether something of it moved
   double near = 0.0;               // that close to a bound, over the terms of its row: at it
   double still = 0.0;              // by more than that, over the terms of its row
@@ -64,8 +64,9 @@ struct BlockSweep {
 
 /// F = K u - b and its terms, and what rows make of u.
 struct BlockJudge {
-  const double *u, *others, *lower, *upper, *b, *b_terms;
-  double *f, *terms;
+  const double *u = nullptr, *others = nullptr, *lower = nullptr, *upper = nullptr, *b = nullptr,
+               *b_terms = nullptr;
+  double *f = nullptr, *terms = nullptr;
   double worst = 0.0;       // RowRatios
   double not_finite = 0.0;  // or NaN
   bool by_distance = false, outside = false;

@@ -4,6 +4,8 @@
 #include "vi/lanes.hpp"
 
 // The kernels, for each file that compiles them (lanes.hpp).
+// NOLINTBEGIN(cert-dcl59-cpp,misc-definitions-in-headers,cppcoreguidelines-pro-type-member-init): as said;
+// numbers are filled where they are made
 namespace sweepvi {
 namespace {
 
@@ -426,3 +428,4 @@ void judge_any(const BlockModel& model, const BlockModel::Run& run, BlockJudge& 
 
 }  // namespace
 }  // namespace sweepvi
+// NOLINTEND(cert-dcl59-cpp,misc-definitions-in-headers,cppcoreguidelines-pro-type-member-init)

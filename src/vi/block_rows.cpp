@@ -29,7 +29,7 @@ BlockRows::BlockRows(const AffineRows& rows, const std::vector<PetscInt>& block)
       ++end;
     if (end - first > BlockKernels::largest) return;
     const auto size = static_cast<int>(end - first);
-    own.assign(static_cast<std::size_t>(size * size), 0.0);
+    own.assign(static_cast<std::size_t>(size) * static_cast<std::size_t>(size), 0.0);
     std::vector<std::int32_t> readers, ends;
     std::vector<BlockModel::FarEntry> far;
     bool ghosts = false;
@@ -79,7 +79,9 @@ void BlockRows::add_kind(int size, const std::vector<double>& own, const std::ve
   Kind kind{size, static_cast<std::int32_t>(rows_.size()), static_cast<std::int32_t>(entries_.size()),
             static_cast<std::int32_t>(readers_.size()), 0};
   for (const int i : reading_order(own, size)) {
-    const auto at = [&](int j) { return own[static_cast<std::size_t>(i * size + j)]; };
+    const auto at = [&](int j) {
+      return own[static_cast<std::size_t>(i) * static_cast<std::size_t>(size) + static_cast<std::size_t>(j)];
+    };
     for (int j = 0; j < size; ++j)
       if (j != i && at(j) != 0.0) entries_.push_back({j, at(j)});
     rows_.push_back({i, static_cast<std::int32_t>(entries_.size()) - kind.entries, at(i), 1.0 / at(i)});

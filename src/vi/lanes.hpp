@@ -6,6 +6,8 @@
 
 // Included by each file of kernels, which may be compiled for other processors than the rest: nothing here
 // has a name beyond that file, and nothing of the standard library is instantiated.
+// NOLINTBEGIN(cert-dcl59-cpp,cppcoreguidelines-pro-type-member-init,modernize-loop-convert): as said; numbers
+// are filled where they are made
 namespace sweepvi {
 namespace {
 
@@ -181,3 +183,4 @@ private:
 
 }  // namespace
 }  // namespace sweepvi
+// NOLINTEND(cert-dcl59-cpp,cppcoreguidelines-pro-type-member-init,modernize-loop-convert)
