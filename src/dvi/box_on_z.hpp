@@ -54,7 +54,7 @@ private:
   Matrix jumps_, inverse_jumps_;  // J, J^{-1}; empty: identity
   AffineRows inverse_rows_;
   ForcedIncrement increment_;
-  Matrix K_;                      // J^{-1} plain_K_
+  Matrix K_;                      // J^{-1} (I - h theta R)
   AffineRows rows_;               // of K
   std::vector<PetscInt> blocks_;  // of each unknown
   BlockRows block_rows_;          // the same by them
