@@ -62,7 +62,7 @@ ForcedIncrement::ForcedIncrement(const LinearSystem& system, const RelativeDegre
                                     });
     const Matrix RT = multiply_clean(R, T.get());
     Matrix at_end = add(T.get(), -h_new_, RT.get());
-    Matrix at_start = Matrix::share(add(T.get(), h_old_, RT.get()).get());
+    Matrix at_start = add(T.get(), h_old_, RT.get());
     check(MatScale(at_start.get(), -1.0));
     if (p == 0) {
       at_end = add(at_end.get(), h_new_, W.get());
