@@ -9,18 +9,6 @@ namespace sweepvi {
 
 namespace {
 
-double sign_or(double value, double otherwise) {
-  return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : otherwise;
-}
-
-/// The signs that an oscillator has, or starts with.
-double kept_sign_s(const OscillatorState& old) {
-  return sign_or(old.s, sign_or(old.v, 1.0));
-}
-double kept_sign_v(const OscillatorState& old) {
-  return sign_or(old.v, sign_or(old.lambda_v, 1.0));
-}
-
 /// The real roots of a p^2 + b p + c, without cancellation; NaN where there is none.
 std::array<double, 2> roots(double a, double b, double c) {
   constexpr double none = std::numeric_limits<double>::quiet_NaN();
@@ -41,6 +29,9 @@ class Branches {
 public:
   explicit Branches(const OscillatorStep& step)
       : k_(step), s_old_(step.old.s), v_old_(step.old.v), drift_((1.0 - step.theta) * step.old.v) {}
+
+  /// The one the rule asks about before all others.
+  Branch first() { return clipped(kept_sign_s(k_.old), kept_sign_v(k_.old)); }
 
   /// Calls visit(branch) until it returns true.
   template <class Visit>
@@ -141,17 +132,6 @@ private:
 
 }  // namespace
 
-OscillatorTerms terms_of(const OscillatorStep& step, const OscillatorState& state) {
-  const double product = step.kappa * step.lambda_s_hat(state.lambda_s) * step.lambda_v_hat(state.lambda_v);
-  const double r = 1.0 - product;
-  const double r_terms = 1.0 + std::abs(product);
-  OscillatorTerms terms;
-  terms.v = std::abs(state.v) + std::abs(step.old.v) +
-            step.h * r_terms / (r * r) * (step.terms + step.mu1 + step.mu2);
-  terms.s = std::abs(state.s) + std::abs(step.old.s) + step.h * r_terms * terms.v;
-  return terms;
-}
-
 namespace {
 
 /// Signs fit, to the bit; no rows' terms are needed to see that.
@@ -201,6 +181,8 @@ Branch pressed(const OscillatorStep& step) {
 
 Branch choose_branch(const OscillatorStep& step) {
   if (is_pressed(step)) return pressed(step);
+  const Branch first = Branches(step).first();  // most often it is that
+  if (fits(first)) return first;
   Branch best;
   best.misfit = std::numeric_limits<double>::infinity();
   Branches(step).visit([&](const Branch& branch) {
@@ -229,10 +211,6 @@ bool keep_branch(const OscillatorStep& step, Branch& branch) {
     return kept = true;
   });
   return kept;
-}
-
-bool is_first_choice(const OscillatorState& old, const Branch& branch) {
-  return branch.sign_s == kept_sign_s(old) && branch.sign_v == kept_sign_v(old);
 }
 
 bool prefers_another(const OscillatorStep& step, const OscillatorState& state) {

@@ -46,7 +46,16 @@ struct OscillatorStep {
 struct OscillatorTerms {
   double s = 0.0, v = 0.0;
 };
-OscillatorTerms terms_of(const OscillatorStep& step, const OscillatorState& state);
+inline OscillatorTerms terms_of(const OscillatorStep& step, const OscillatorState& state) {
+  const double product = step.kappa * step.lambda_s_hat(state.lambda_s) * step.lambda_v_hat(state.lambda_v);
+  const double r = 1.0 - product;
+  const double r_terms = 1.0 + std::abs(product);
+  OscillatorTerms terms;
+  terms.v = std::abs(state.v) + std::abs(step.old.v) +
+            step.h * r_terms / (r * r) * (step.terms + step.mu1 + step.mu2);
+  terms.s = std::abs(state.s) + std::abs(step.old.s) + step.h * r_terms * terms.v;
+  return terms;
+}
 
 /// A solution of an oscillator's VI in its two signs.
 struct Branch {
@@ -55,6 +64,8 @@ struct Branch {
   double sign_s = 0.0, sign_v = 0.0;  ///< signs it is made for; 0: between -1 and 1, where the variable is 0
   /// How far, relative to the rows' terms, its signs are from fitting; 0 or less: it is a solution.
   double misfit = 0.0;
+
+  bool has_both_signs() const { return sign_s != 0.0 && sign_v != 0.0; }
 };
 
 /// The branch that the rule of ImpactDvi takes: the first that fits, or the one that comes nearest.
@@ -64,8 +75,34 @@ Branch choose_branch(const OscillatorStep& step);
 /// Its state is not looked at. Whether the rule takes another one now is for prefers_another to say.
 bool keep_branch(const OscillatorStep& step, Branch& branch);
 
+/// One of both signs where the acceleration is that, if s and v fit it: `branch` becomes it.
+inline bool move_on(Branch& branch, const OscillatorStep& step, double acceleration) {
+  const double p = step.lambda_s_hat(branch.sign_s);
+  const double q = step.lambda_v_hat(branch.sign_v);
+  const double r = 1.0 - step.kappa * p * q;
+  const double v = step.old.v + step.h / r * (p * (acceleration - step.mu1) - step.mu2 * q);
+  const double s = step.old.s + step.h * r * step.v_hat(v);
+  if (!(branch.sign_s * s >= 0.0 && branch.sign_v * v >= 0.0)) return false;
+  branch.state = {s, v, branch.sign_s, branch.sign_v};
+  branch.acceleration = acceleration;
+  return true;
+}
+
+/// The signs that an oscillator has, or starts with.
+inline double sign_or(double value, double otherwise) {
+  return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : otherwise;
+}
+inline double kept_sign_s(const OscillatorState& old) {
+  return sign_or(old.s, sign_or(old.v, 1.0));
+}
+inline double kept_sign_v(const OscillatorState& old) {
+  return sign_or(old.v, sign_or(old.lambda_v, 1.0));
+}
+
 /// Whether the rule asks about a branch of these signs before all others: one that fits is taken, then.
-bool is_first_choice(const OscillatorState& old, const Branch& branch);
+inline bool is_first_choice(const OscillatorState& old, const Branch& branch) {
+  return branch.sign_s == kept_sign_s(old) && branch.sign_v == kept_sign_v(old);
+}
 
 /// Whether the rule prefers another branch to `state`, a solution of the step: one that fits by more than
 /// rounding.

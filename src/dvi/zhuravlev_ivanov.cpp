@@ -7,6 +7,7 @@
 #include <cmath>
 #include <string>
 #include <tuple>
+#include <utility>
 
 #include "dvi/zhuravlev_ivanov_parts.hpp"
 #include "petsc/sparse.hpp"
@@ -119,7 +120,7 @@ bool ZhuravlevIvanov::set_step(double h) {
 
 void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   t_hat_ = step.t_old + options_.theta * step.h;
-  {
+  if (!(Point(lower) == lower_ && Point(upper) == upper_)) {
     const WriteArray l(lower);
     const WriteArray b(upper);
     for (PetscInt i = 0; i < count(); ++i) {
@@ -133,7 +134,9 @@ void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
       }
     }
   }
-  if (options_.resample) start_from(x_.get(), velocity_.get());
+  lower_ = Point(lower);
+  upper_ = Point(upper);
+  if (options_.resample) start_from(x(), velocity());
   ++version_;  // columns of signs that stand on a bound change with the state
   looked_at_ = Point{};
   ruled_ = false;
@@ -212,8 +215,8 @@ void ZhuravlevIvanov::add_force_terms() {
 }
 
 /// F of one oscillator. The rows of the signs are -s and -v.
-OscillatorState ZhuravlevIvanov::rows_of(const OscillatorStep& step, const OscillatorState& now,
-                                         double acceleration) const {
+inline OscillatorState ZhuravlevIvanov::rows_of(const OscillatorStep& step, const OscillatorState& now,
+                                                double acceleration) const {
   const double p = step.lambda_s_hat(now.lambda_s);
   const double q = step.lambda_v_hat(now.lambda_v);
   const double r = 1.0 - step.kappa * p * q;
@@ -303,24 +306,26 @@ RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, 
     const auto judge_free = [&](double value, double row, double size) {
       judge.look_at_free(value, row, size);
     };
-    const auto judge_sign = [&](double value, double row, double size) {
-      judge.look_at(value, row, -1.0, 1.0, size);
+    const auto judge_sign = [&](double sign_of, double value, double row, double size) {
+      const bool fits = value == 0.0 ? std::abs(sign_of) <= 1.0 : sign_of == sign(value);
+      if (!fits) judge.look_at(sign_of, row, -1.0, 1.0, size);
     };
     for (PetscInt i = 0; i < count(); ++i) {
       const OscillatorState before = state_at(values.data(), i);
       const OscillatorStep& step = oscillators[i];
       const OscillatorTerms own = terms_of(step, before);
+      const OscillatorState F = rows_of(step, before, a[i]);
       const OscillatorState now = settled(before, own);
-      const OscillatorState F = rows_of(step, now, a[i]);
-      if (!(now == before)) moved = 1;
       between = between || now.is_between();
-      put(now, values.data(), i);
       put(F, rows.data(), i);
       put({own.s, own.v, own.s, own.v}, sizes.data(), i);
-      judge_free(now.s, F.s, own.s);
-      judge_free(now.v, F.v, own.v);
-      judge_sign(now.lambda_s, F.lambda_s, own.s);
-      judge_sign(now.lambda_v, F.lambda_v, own.v);
+      judge_free(before.s, F.s, own.s);
+      judge_free(before.v, F.v, own.v);
+      judge_sign(before.lambda_s, before.s, F.lambda_s, own.s);
+      judge_sign(before.lambda_v, before.v, F.lambda_v, own.v);
+      if (now == before) continue;
+      moved = 1;
+      put(now, values.data(), i);
     }
   }
   MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm_);
@@ -448,7 +453,7 @@ void ZhuravlevIvanov::add_coupling(Vec u, Mat jacobian) {
 void ZhuravlevIvanov::accept(Vec u, Vec) {
   note_events(u);
   check(VecCopy(u, u_.get()));
-  show_state();
+  shows_state_ = false;
 }
 
 void ZhuravlevIvanov::note_events(Vec u) {
@@ -471,7 +476,7 @@ void ZhuravlevIvanov::note_events(Vec u) {
 
 void ZhuravlevIvanov::set_physical(Vec x, Vec velocity) {
   start_from(x, velocity);
-  show_state();
+  shows_state_ = false;
 }
 
 /// The unknowns with sgn(s) = 1.
@@ -486,8 +491,9 @@ void ZhuravlevIvanov::start_from(Vec x, Vec velocity) {
   }
 }
 
-/// What is read from outside, from the unknowns.
-void ZhuravlevIvanov::show_state() {
+/// What is read from outside, from the unknowns, when somebody asks.
+void ZhuravlevIvanov::show_state() const {
+  if (std::exchange(shows_state_, true)) return;
   const ReadArray u(u_.get());
   const WriteArray own_s(s_.get());
   const WriteArray own_v(v_.get());
@@ -508,7 +514,7 @@ void ZhuravlevIvanov::show_state() {
 }
 
 double ZhuravlevIvanov::kinetic() const {
-  const ReadArray velocities(velocity_.get());
+  const ReadArray velocities(velocity());
   double sum = 0.0;
   for (PetscInt i = 0; i < count(); ++i)
     sum += 0.5 * velocities[i] * velocities[i];
@@ -516,8 +522,11 @@ double ZhuravlevIvanov::kinetic() const {
 }
 
 PetscInt ZhuravlevIvanov::active() const {
-  const ReadArray own_s(s_.get());
-  return static_cast<PetscInt>(std::count(own_s.data(), own_s.data() + own_s.size(), 0.0));
+  const ReadArray u(u_.get());
+  PetscInt resting = 0;
+  for (PetscInt i = 0; i < count(); ++i)
+    resting += state_at(u.data(), i).s == 0.0 ? 1 : 0;
+  return resting;
 }
 
 std::unique_ptr<ImpactDvi> make_impact_dvi(const ImpactOscillators& oscillators, const TimeGrid& grid,
@@ -531,7 +540,7 @@ void ZhuravlevIvanov::visit(StateVisitor& visitor) {
   if (!visitor.replaces()) return;
   events_.clear();
   ++version_;
-  show_state();
+  shows_state_ = false;
 }
 
 }  // namespace sweepvi

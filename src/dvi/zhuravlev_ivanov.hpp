@@ -38,12 +38,12 @@ public:
   double penetration() const override { return 0.0; }  // x = |s|
   PetscInt active() const override;
 
-  Vec x() const override { return x_.get(); }
-  Vec velocity() const override { return velocity_.get(); }
-  Vec s() const override { return s_.get(); }
-  Vec v() const override { return v_.get(); }
-  Vec lambda_s() const override { return lambda_s_.get(); }
-  Vec lambda_v() const override { return lambda_v_.get(); }
+  Vec x() const override { return shown(x_); }
+  Vec velocity() const override { return shown(velocity_); }
+  Vec s() const override { return shown(s_); }
+  Vec v() const override { return shown(v_); }
+  Vec lambda_s() const override { return shown(lambda_s_); }
+  Vec lambda_v() const override { return shown(lambda_v_); }
   const std::vector<StepEvent>& events() const override { return events_; }
   void tell(std::vector<StepEvent> events) override { events_ = std::move(events); }
   double kinetic() const override;
@@ -53,6 +53,15 @@ public:
   bool set_step(double h) override;
 
 private:
+  class Oscillators;
+
+  /// How x^ and x'^ of an oscillator follow its acceleration a on its branch: x + x_by_a a, and so on.
+  struct Motion {
+    double x = 0.0, x_by_a = 0.0, velocity = 0.0, velocity_by_a = 0.0;
+    double weight = 0.0;     // 1 / (1 - what a reads of both of its own)
+    double per_terms = 0.0;  // what a change of a is over the terms of the row of v, or more
+  };
+
   PetscInt count() const { return static_cast<PetscInt>(kappa_.size()); }
   void check_options_and_start() const;
   void differentiate();
@@ -71,8 +80,9 @@ private:
   }
   void choose_all(Vec guess);
   void relax(Vec guess);
-  void relax_once(Vec known, const double* others, const double* other_velocities, Vec guess, bool first);
-  void find_motions();
+  void choose_in_turn(Vec known, const double* others, const double* other_velocities);
+  Motion motion_on(const Branch& branch, const OscillatorStep& step, double x, double velocity) const;
+  void finish(Vec known, const double* others, const double* other_velocities, Vec guess);
   void renew_accelerations(Vec guess);
   double move_once(Vec known, const double* others, const double* other_velocities);
   bool counts_on(PetscInt i, double acceleration, double force_terms) const;
@@ -84,16 +94,11 @@ private:
   void add_coupling(Vec u, Mat jacobian);
   void note_events(Vec u);
   void start_from(Vec x, Vec velocity);
-  void show_state();
-
-  class Oscillators;
-
-  /// How x^ and x'^ of an oscillator follow its acceleration a on its branch: x + x_by_a a, and so on.
-  struct Motion {
-    double x = 0.0, x_by_a = 0.0, velocity = 0.0, velocity_by_a = 0.0;
-    double weight = 0.0;     // 1 / (1 - what a reads of both of its own)
-    double per_terms = 0.0;  // what a change of a is over the terms of the row of v, or more
-  };
+  void show_state() const;
+  Vec shown(const Vector& part) const {
+    show_state();
+    return part.get();
+  }
 
   /// A vector and its value: PETSc counts changes.
   struct Point {
@@ -120,10 +125,12 @@ private:
   Vector slope_x_, slope_velocity_;    // diagonals of da/dx and da/dx'
 
   Vector u_;                            // four per oscillator
+  mutable bool shows_state_ = false;    // what follows is that of u_
   Vector x_, velocity_;                 // state in physical coordinates
   Vector s_, v_, lambda_s_, lambda_v_;  // and in the others, each by itself
   Point looked_at_;
-  Point begun_at_;  // where the step's guess was looked at
+  Point begun_at_;       // where the step's guess was looked at
+  Point lower_, upper_;  // vectors that have the bounds: they are always the same
   bool has_force_terms_ = false;
   Vector x_hat_, velocity_hat_, a_;  // of the point looked at last
   Vector force_terms_, work_, inner_;

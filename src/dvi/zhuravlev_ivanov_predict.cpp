@@ -79,8 +79,7 @@ void ZhuravlevIvanov::relax(Vec guess) {
   }
   others = x_rows_.ghosts(x_hat_.get());
   other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
-  relax_once(known, others, other_velocities, guess, true);
-  find_motions();
+  choose_in_turn(known, others, other_velocities);
   double before = 1.0;
   for (int sweeps = 1; sweeps < most_sweeps_; ++sweeps) {
     others = x_rows_.ghosts(x_hat_.get());
@@ -94,7 +93,7 @@ void ZhuravlevIvanov::relax(Vec guess) {
   }
   others = x_rows_.ghosts(x_hat_.get());
   other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
-  relax_once(known, others, other_velocities, guess, false);
+  finish(known, others, other_velocities, guess);
   looked_at_ = Point{};
 }
 
@@ -119,31 +118,41 @@ void ZhuravlevIvanov::renew_accelerations(Vec guess) {
   has_force_terms_ = false;
 }
 
-/// On the branches there are. Where both signs are known s and v follow a, on the wall they stand still; on
-/// others, which are few, they are left where they are.
-void ZhuravlevIvanov::find_motions() {
+/// The first sweep over the branches chooses them.
+void ZhuravlevIvanov::choose_in_turn(Vec known, const double* others, const double* other_velocities) {
+  const bool damped = derivative_.by_velocity() != nullptr;
   motions_.resize(branches_.size());
-  const ReadArray x(x_hat_.get());
-  const ReadArray velocity(velocity_hat_.get());
-  const ReadArray by_x(slope_x_.get());
-  const ReadArray by_velocity(slope_velocity_.get());
-  const ReadArray sizes(force_terms_.get());
+  const WriteArray x(x_hat_.get());
+  const WriteArray velocity(velocity_hat_.get());
+  const WriteArray a(a_.get());
+  const ReadArray left(known);
   Oscillators oscillators(*this);
-  for (PetscInt i = 0; i < count(); ++i) {
-    const Branch& branch = branches_[static_cast<std::size_t>(i)];
+  x_rows_.each_row_apart(x.data(), others, [&](PetscInt i, const AffineRows::Row& by_others) {
+    Branch& branch = branches_[static_cast<std::size_t>(i)];
+    a[i] = left[i] + by_others.sum;
+    if (damped) a[i] += velocity_rows_.row(i, velocity.data(), other_velocities).sum;
     const OscillatorStep& step = oscillators[i];
-    Motion motion;
-    if (branch.sign_s != 0.0 && branch.sign_v != 0.0) {
-      const double p = step.lambda_s_hat(branch.sign_s);
-      motion.x_by_a = step.theta * step.theta * h_ * h_ * branch.sign_s * p;
-      motion.velocity_by_a = step.theta * h_ * p * p;
-    }
-    motion.x = x[i] - motion.x_by_a * branch.acceleration;
-    motion.velocity = velocity[i] - motion.velocity_by_a * branch.acceleration;
-    motion.weight = 1.0 / (1.0 - by_x[i] * motion.x_by_a - by_velocity[i] * motion.velocity_by_a);
-    motion.per_terms = h_ / (std::abs(branch.state.v) + 0.5 * h_ * sizes[i]);
-    motions_[static_cast<std::size_t>(i)] = motion;
+    branch = choose_branch(step);
+    std::tie(x[i], velocity[i]) = hats(i, step.old, branch.state);
+    motions_[static_cast<std::size_t>(i)] = motion_on(branch, step, x[i], velocity[i]);
+  });
+}
+
+/// Where both signs are known s and v follow a, on the wall they stand still; on other branches, which are
+/// few, they are left where they are.
+ZhuravlevIvanov::Motion ZhuravlevIvanov::motion_on(const Branch& branch, const OscillatorStep& step, double x,
+                                                   double velocity) const {
+  Motion motion;
+  if (branch.has_both_signs()) {
+    const double p = step.lambda_s_hat(branch.sign_s);
+    motion.x_by_a = step.theta * step.theta * h_ * h_ * branch.sign_s * p;
+    motion.velocity_by_a = step.theta * h_ * p * p;
   }
+  motion.x = x - motion.x_by_a * branch.acceleration;
+  motion.velocity = velocity - motion.velocity_by_a * branch.acceleration;
+  motion.weight = 1.0 / (1.0 - step.by_x * motion.x_by_a - step.by_velocity * motion.velocity_by_a);
+  motion.per_terms = h_ / (std::abs(branch.state.v) + 0.5 * h_ * step.terms);
+  return motion;
 }
 
 /// One sweep of them. @return the largest change of an acceleration, over the terms of its row
@@ -156,7 +165,7 @@ double ZhuravlevIvanov::move_once(Vec known, const double* others, const double*
   const ReadArray left(known);
   const ReadArray by_x(slope_x_.get());
   const ReadArray by_velocity(slope_velocity_.get());
-  x_rows_.each_row(x.data(), others, [&](PetscInt i, const AffineRows::Row& by_others) {
+  x_rows_.each_row_apart(x.data(), others, [&](PetscInt i, const AffineRows::Row& by_others) {
     const Motion& motion = motions_[static_cast<std::size_t>(i)];
     double sum = left[i] + by_others.sum - by_x[i] * (x[i] - motion.x);
     if (damped)
@@ -174,42 +183,34 @@ double ZhuravlevIvanov::move_once(Vec known, const double* others, const double*
 
 /// Whether an oscillator's branch was found with this acceleration, but for rounding. Below what its row's
 /// terms are, and known at little expense: 1/R <= 1/(1 - kappa).
-bool ZhuravlevIvanov::counts_on(PetscInt i, double acceleration, double force_terms) const {
+inline bool ZhuravlevIvanov::counts_on(PetscInt i, double acceleration, double force_terms) const {
   const Branch& branch = branches_[static_cast<std::size_t>(i)];
   const double least_terms = std::abs(branch.state.v) + 0.5 * h_ * force_terms;
   return h_ * std::abs(acceleration - branch.acceleration) <=
          solved * (1.0 - kappa_[static_cast<std::size_t>(i)]) * least_terms;
 }
 
-/// One sweep over the branches themselves: the first one chooses them.
-void ZhuravlevIvanov::relax_once(Vec known, const double* others, const double* other_velocities, Vec guess,
-                                 bool first) {
+/// The last sweep, over the branches themselves: where both signs are known, s and v that belong to a.
+void ZhuravlevIvanov::finish(Vec known, const double* others, const double* other_velocities, Vec guess) {
   const bool damped = derivative_.by_velocity() != nullptr;
   const WriteArray values(guess);
-  const ReadArray old(u_.get());
   const WriteArray x(x_hat_.get());
   const WriteArray velocity(velocity_hat_.get());
   const WriteArray a(a_.get());
   const ReadArray left(known);
-  const ReadArray sizes(force_terms_.get());
   Oscillators oscillators(*this);
-  for (PetscInt i = 0; i < count(); ++i) {
+  x_rows_.each_row_apart(x.data(), others, [&](PetscInt i, const AffineRows::Row& by_others) {
     Branch& branch = branches_[static_cast<std::size_t>(i)];
-    a[i] = left[i] + x_rows_.row(i, x.data(), others).sum;
+    a[i] = left[i] + by_others.sum;
     if (damped) a[i] += velocity_rows_.row(i, velocity.data(), other_velocities).sum;
-    if (!first && counts_on(i, a[i], sizes[i])) {
-      std::tie(x[i], velocity[i]) = hats(i, state_at(old.data(), i), branch.state);
-      continue;
-    }
     const OscillatorStep& step = oscillators[i];
-    if (first) {
-      branch = choose_branch(step);
-    } else {
+    const Motion& motion = motions_[static_cast<std::size_t>(i)];
+    const double known_of_own = step.a + step.by_x * motion.x + step.by_velocity * motion.velocity;
+    if (!branch.has_both_signs() || !move_on(branch, step, motion.weight * known_of_own))
       if (!keep_branch(step, branch)) branch = choose_branch(step);
-    }
     put(branch.state, values.data(), i);
     std::tie(x[i], velocity[i]) = hats(i, step.old, branch.state);
-  }
+  });
 }
 
 /// Solves oscillators again that counted on other accelerations, on the branch they are on if that fits; and

@@ -59,6 +59,10 @@ public:
   /// Calls visit(i, K u in row i) for all rows, each once, in any order.
   template <class Visit>
   void each_row(const double* own, const double* others, Visit&& visit) const;
+  /// The same, of rows that are alike every other one first: where a visit changes what the row beside it
+  /// reads, that one need not wait for it.
+  template <class Visit>
+  void each_row_apart(const double* own, const double* others, Visit&& visit) const;
 
   /// The entries of u on other ranks that rows read; valid until the next call. Null where all are our own.
   const double* ghosts(Vec u) const;
@@ -82,6 +86,8 @@ private:
   void take_rows(Mat own, Mat others);
   void find_runs();
   PetscInt straight_until(PetscInt begin, PetscInt period) const;
+  template <class Visit>
+  void each_row_by(PetscInt least_stride, const double* own, const double* others, Visit&& visit) const;
   template <class Visit>
   void each_of_kind(PetscInt begin, PetscInt end, PetscInt period, const double* own, Visit&& visit) const;
   template <int Count, class Visit>
@@ -172,18 +178,30 @@ inline void AffineRows::each_of_kind(PetscInt begin, PetscInt end, PetscInt peri
 
 template <class Visit>
 void AffineRows::each_row(const double* own, const double* others, Visit&& visit) const {
+  each_row_by(1, own, others, visit);
+}
+
+template <class Visit>
+void AffineRows::each_row_apart(const double* own, const double* others, Visit&& visit) const {
+  each_row_by(2, own, others, visit);
+}
+
+template <class Visit>
+inline void AffineRows::each_row_by(PetscInt least_stride, const double* own, const double* others,
+                                    Visit&& visit) const {
   constexpr PetscInt near = 400;  // rows: what a few vectors have of them stays in the cache
   PetscInt begin = 0;
   for (const Run& run : runs_) {
+    const PetscInt stride = std::max(run.period, least_stride);
     if (run.period == 0)
       for (PetscInt i = begin; i < run.end; ++i)
         visit(i, row(i, own, others));
-    else if (run.period == 1)
+    else if (stride == 1)
       each_of_kind(begin, run.end, 1, own, visit);
     else
-      for (PetscInt part = begin; part < run.end; part += near / run.period * run.period)
-        for (PetscInt i = part; i < part + run.period; ++i)
-          each_of_kind(i, std::min(run.end, part + near / run.period * run.period), run.period, own, visit);
+      for (PetscInt part = begin; part < run.end; part += near / stride * stride)
+        for (PetscInt i = part; i < std::min(run.end, part + stride); ++i)
+          each_of_kind(i, std::min(run.end, part + near / stride * stride), stride, own, visit);
     begin = run.end;
   }
 }

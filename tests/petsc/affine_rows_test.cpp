@@ -3,9 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
+#include <numeric>
 #include <random>
+#include <vector>
 
 #include "petsc/sparse.hpp"
 
@@ -124,6 +127,38 @@ TEST_P(Rows, AreThoseOfMatMult) {
   check(VecAXPY(expected_terms.get(), 1.0, terms_of_b.get()));
   expect_near(expected, f);
   expect_near(expected_terms, terms);
+}
+
+// Visits that change what rows read: those of a row beside another of its kind come later.
+TEST_P(Rows, AreEachVisitedOnce) {
+  const Matrix K = matrix();
+  const AffineRows rows(K.get());
+  Vector like;
+  check(MatCreateVecs(K.get(), like.put(), nullptr));
+  const Vector u = waves(like.get(), 0.3);
+  const Vector expected = duplicate(like.get());
+  rows.multiply(u.get(), expected.get());
+  const double* const others = rows.ghosts(u.get());
+  const ReadArray own(u.get());
+  const ReadArray sums(expected.get());
+  for (const bool apart : {false, true}) {
+    std::vector<PetscInt> visited;
+    const auto visit = [&](PetscInt i, const AffineRows::Row& row) {
+      visited.push_back(i);
+      EXPECT_DOUBLE_EQ(row.sum, sums[i]) << "row " << i;
+    };
+    if (apart)
+      rows.each_row_apart(own.data(), others, visit);
+    else
+      rows.each_row(own.data(), others, visit);
+    if (apart && GetParam() == 1) {
+      EXPECT_EQ(visited[3] - visited[2], 2);
+    }
+    std::sort(visited.begin(), visited.end());
+    std::vector<PetscInt> all(own_rows);
+    std::iota(all.begin(), all.end(), 0);
+    EXPECT_EQ(visited, all);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds, Rows, testing::Values(0, 1, 2, 5), [](const auto& kind) {
