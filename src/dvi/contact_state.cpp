@@ -57,6 +57,13 @@ void ContactState::change_contact(std::size_t a, bool holds, double impulse) {
   contact[a] = holds ? 1 : 0;
 }
 
+void ContactState::change_contacts(std::span<const std::int32_t> changed) {
+  for (const std::int32_t constraint : changed) {
+    const auto a = static_cast<std::size_t>(constraint);
+    change_contact(a, contact[a] == 0, impulse(a));
+  }
+}
+
 double ContactState::penetration(MPI_Comm comm) const {
   double worst = 0.0;
   for (const double g : gap)

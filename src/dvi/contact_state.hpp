@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+#include <span>
 #include <vector>
 
 #include "sweepvi/lagrangian.hpp"
@@ -38,10 +40,8 @@ struct ContactState {
     if (holds != (contact[a] != 0)) change_contact(a, holds, impulse);
   }
 
-  /// The same of all constraints: those that are detected by take(a), which says whether they hold; others,
-  /// and those that do not, move on freely, with the velocity now(a) at the end of a step of h.
-  template <class Now, class Take>
-  void each_open(double h, double theta, Now&& now, Take&& take);
+  /// Contact begins or ends for these, in a step whose impulses are in mu.
+  void change_contacts(std::span<const std::int32_t> changed);
 
   double penetration(MPI_Comm comm) const;
   void visit(StateVisitor& visitor);  ///< @note Collective.
@@ -52,25 +52,6 @@ private:
   void detect_by(Gap&& gap_of, Detection detection);
   void change_contact(std::size_t a, bool holds, double impulse);
 };
-
-template <class Now, class Take>
-inline void ContactState::each_open(double h, double theta, Now&& now, Take&& take) {
-  double* const gaps = gap.data();
-  double* const velocities = velocity.data();
-  double* const impulses = mu.data();
-  const int* const levels = level.data();
-  const char* const contacts = contact.data();
-  const double rest = 1.0 - theta;
-  const std::size_t count = size();
-  for (std::size_t a = 0; a < count; ++a) {
-    if (levels[a] == 2 && take(a)) continue;
-    if (contacts[a] != 0) change_contact(a, false, 0.0);
-    impulses[2 * a + 1] = 0.0;
-    const double velocity_now = now(a);
-    gaps[a] += h * (theta * velocity_now + rest * velocities[a]);
-    velocities[a] = velocity_now;
-  }
-}
 
 /// How far ahead of q_k the position that decides is, over h: 1, 1/2 or 0.
 double reach_of(Detection detection);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "dvi/contact_kernels.hpp"
 #include "dvi/empty_polyhedron.hpp"
 #include "dvi/form_option.hpp"
 #include "dvi/stacked.hpp"
@@ -65,10 +66,13 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
     blocks_ = small_blocks(system.block, system.coordinates());
     block_rows_ = BlockRows(rows_, blocks_);
   }
-  check(MatCreateVecs(matrix_.get(), u_.put(), nullptr));
+  if (dual)
+    check(MatCreateVecs(matrix_.get(), u_.put(), nullptr));
+  else
+    u_ = Vector::share(v_.get());
   for (Vector* vector : {&rhs_, &rhs_terms_, &work_, &terms_, &known_})
     *vector = duplicate(u_.get());
-  {
+  if (dual) {
     const ReadArray v(v_.get());
     const WriteArray u(u_.get());
     std::fill_n(u.data(), u.size(), 0.0);
@@ -81,7 +85,11 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
       gaps[a] += offset[static_cast<PetscInt>(a)];
   }
   contacts_.start(std::move(gaps), product(system.H.get(), v_.get()), system.e.get());
-  held_terms_.assign(contacts_.size(), 0.0);
+  if (!dual) {
+    bound_.assign(contacts_.size(), 0.0);
+    held_terms_.assign(contacts_.size(), 0.0);
+    changed_.assign(contacts_.size(), 0);
+  }
 
   for (const Forcing::Entry& entry : system.f.constant) {
     const WriteArray forces(forces_.get());
@@ -187,7 +195,7 @@ Matrix LinearMoreauJean::saddle(Mat J) {
   return rows.finish(comm(), coordinates.size() + constraints.size());
 }
 
-// Box on v: the one coordinate of each constraint.
+// Box on v: the one coordinate of each constraint, and which of them stand side by side.
 void LinearMoreauJean::find_places() {
   const LocalRange coordinates = row_range(system_.M.get());
   for_each_row(system_.H.get(), [&](PetscInt, auto columns, auto values) {
@@ -197,6 +205,10 @@ void LinearMoreauJean::find_places() {
       weight_.push_back(values[k]);
     }
   });
+  for (std::size_t a = 0; a < place_.size(); ++a) {
+    if (a == 0 || place_[a] != place_[a - 1] + 1) runs_.push_back({static_cast<std::int32_t>(a), 0});
+    ++runs_.back().count;
+  }
 }
 
 Matrix LinearMoreauJean::create_jacobian() const {
@@ -237,35 +249,81 @@ void LinearMoreauJean::find_rhs(const Step& step) {
 void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   std::vector<int> last;
   if (dual_) last = contacts_.level;
-  contacts_.detect(reach_of(detection_) * h_, detection_);
   if (dual_) {
+    contacts_.detect(reach_of(detection_) * h_, detection_);
     if (contacts_.level != last) ++version_;
     check(VecNorm(v_.get(), NORM_INFINITY, &fastest_));
   }
   find_rhs(step);
+  check(VecCopy(u_.get(), guess));
+  if (dual_) {
+    bound_multipliers(lower, upper, guess);
+    find_constraint_rhs();
+  } else {
+    bound_velocities(lower, upper);
+  }
+}
+
+// Box on v: only coordinates of constraints ever have a bound.
+void LinearMoreauJean::bound_velocities(Vec lower, Vec upper) {
+  if (!(VectorValue(lower) == lower_ && VectorValue(upper) == upper_)) {
+    check(VecSet(lower, PETSC_NINFINITY));
+    check(VecSet(upper, PETSC_INFINITY));
+  }
+  contacts_.events.clear();
+  {
+    const WriteArray l(lower);
+    const WriteArray b(upper);
+    each_run([&](const ContactRun& run, PetscInt place) {
+      contact_kernels().detect(run, {.ahead = reach_of(detection_) * h_,
+                                     .strict = detection_ == Detection::current,
+                                     .no_bound = PETSC_INFINITY,
+                                     .lower = l.data() + place,
+                                     .upper = b.data() + place});
+    });
+  }
+  lower_ = VectorValue(lower);
+  upper_ = VectorValue(upper);
+}
+
+// Calls visit(constraints side by side, the first one's coordinate).
+template <class Visit>
+void LinearMoreauJean::each_run(Visit&& visit) {
+  for (const auto& [first, count] : runs_) {
+    const auto a = static_cast<std::size_t>(first);
+    visit(ContactRun{.count = count,
+                     .first = first,
+                     .gap = contacts_.gap.data() + a,
+                     .velocity = contacts_.velocity.data() + a,
+                     .e = contacts_.e.data() + a,
+                     .level = contacts_.level.data() + a,
+                     .side = reinterpret_cast<signed char*>(contacts_.side.data() + a),
+                     .contact = contacts_.contact.data() + a,
+                     .mu = contacts_.mu.data() + 2 * a,
+                     .weight = weight_.data() + a,
+                     .bound = bound_.data() + a,
+                     .held_terms = held_terms_.data() + a},
+          place_[a]);
+  }
+}
+
+void LinearMoreauJean::bound_multipliers(Vec lower, Vec upper, Vec guess) {
   check(VecSet(lower, PETSC_NINFINITY));
   check(VecSet(upper, PETSC_INFINITY));
-  check(VecCopy(u_.get(), guess));
-
   const WriteArray l(lower);
-  const WriteArray b(upper);
-  if (!dual_) {
-    for (std::size_t a = 0; a < contacts_.size(); ++a)
-      if (contacts_.detected(a)) (weight_[a] > 0.0 ? l : b)[place_[a]] = contacts_.rebound(a) / weight_[a];
-    return;
+  const WriteArray start(guess);
+  pinned_.resize(contacts_.size());
+  for (std::size_t a = 0; a < contacts_.size(); ++a) {
+    pinned_[a] = pinned(a) ? 1 : 0;
+    if (pinned(a))
+      start[row(a)] = 0.0;
+    else
+      l[row(a)] = 0.0;
   }
-  {
-    const WriteArray start(guess);
-    pinned_.resize(contacts_.size());
-    for (std::size_t a = 0; a < contacts_.size(); ++a) {
-      pinned_[a] = pinned(a) ? 1 : 0;
-      if (pinned(a))
-        start[row(a)] = 0.0;
-      else
-        l[row(a)] = 0.0;
-    }
-  }
-  // H v_k by the matrix that gives H v: where v = v_k, their difference is 0 to the bit.
+}
+
+// H v_k by the matrix that gives H v: where v = v_k, their difference is 0 to the bit.
+void LinearMoreauJean::find_constraint_rhs() {
   check(VecCopy(u_.get(), terms_.get()));
   {
     const WriteArray old(terms_.get());
@@ -386,25 +444,25 @@ RowRatios LinearMoreauJean::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f,
 // By the terms of each row; primal-dual by F before rows are pinned, too, which is in work_. Says whether
 // anything moved.
 bool LinearMoreauJean::put_held(Vec u, Vec terms) {
-  bool moved = false;
   const ReadArray scale(terms);
-  const ReadArray f(work_.get());
   const WriteArray values(u);
-  const auto put = [&](double& value, double to) {
-    moved = moved || value != to;
-    value = to;
-  };
+  if (!dual_) {
+    ContactSettling settling{.near = held_rtol};
+    each_run([&](const ContactRun& run, PetscInt place) {
+      settling.u = values.data() + place;
+      settling.terms = scale.data() + place;
+      contact_kernels().settle(run, settling);
+    });
+    return settling.moved;
+  }
+  bool moved = false;
+  const ReadArray f(work_.get());
   for (std::size_t a = 0; a < contacts_.size(); ++a) {
-    if (!dual_ && !contacts_.detected(a)) continue;
     const PetscInt i = row(a);
-    if (dual_) {
-      const bool open = f[i] > values[i] && f[i] > held_rtol * scale[i];
-      if (pinned(a) || values[i] < 0.0 || open) put(values[i], 0.0);
-    } else {
-      const double bound = contacts_.rebound(a) / weight_[a];
-      held_terms_[a] = scale[i];
-      if (std::abs(values[i] - bound) <= held_rtol * scale[i]) put(values[i], bound);
-    }
+    const bool open = f[i] > values[i] && f[i] > held_rtol * scale[i];
+    if (!pinned(a) && !(values[i] < 0.0) && !open) continue;
+    moved = moved || values[i] != 0.0;
+    values[i] = 0.0;
   }
   return moved;
 }
@@ -438,7 +496,7 @@ std::string LinearMoreauJean::diagnosis() {
 }
 
 void LinearMoreauJean::accept(Vec u, Vec f) {
-  find_increments(u);
+  find_increment(u);
   if (dual_) {
     row_terms(u, known_.get());
     evaluate(u, work_.get());  // F before rows are pinned
@@ -446,7 +504,7 @@ void LinearMoreauJean::accept(Vec u, Vec f) {
   } else {
     take_velocities(u, f);
   }
-  account();
+  account(u);
   advance(u);
 }
 
@@ -469,25 +527,22 @@ void LinearMoreauJean::take_velocities(Vec u, Vec f) {
   const ReadArray residual(f);
   const ReadArray values(u);
   const ReadArray scale(scale_.get());
-  const double* const now = values.data();
-  const PetscInt* const place = place_.data();
-  const double* const weight = weight_.data();
-  contacts_.each_open(
-      h_, theta_, [=](std::size_t a) { return weight[a] * now[place[a]]; },
-      [&](std::size_t a) {
-        const double rebound = contacts_.rebound(a);
-        const PetscInt i = place[a];
-        if (now[i] != rebound / weight[a]) return false;
-        const double noise = held_rtol * held_terms_[a];
-        const bool pushes = residual[i] * weight[a] > noise * std::abs(weight[a]);
-        move_contact(a, true, pushes ? residual[i] / (scale[i] * weight[a]) : 0.0, rebound);
-        return true;
-      });
+  ContactMotion motion{.h = h_, .theta = theta_, .noise = held_rtol};
+  motion.changed = changed_.data();
+  each_run([&](const ContactRun& run, PetscInt place) {
+    motion.u = values.data() + place;
+    motion.f = residual.data() + place;
+    motion.scale = scale.data() + place;
+    contact_kernels().move(run, motion);
+  });
+  lost_.dissipated -= motion.dissipated;
+  lost_.scheme -= motion.scheme;
+  contacts_.change_contacts({changed_.data(), motion.changed});
 }
 
 // What a step loses and gains besides impacts. With x_theta = mean + (theta - 1/2) dx, the product of the
 // step's equation with dq = h v_theta is the energy balance.
-void LinearMoreauJean::account() {
+void LinearMoreauJean::account(Vec u) {
   const auto form = [this](Mat matrix, const Vector& x, const Vector& y) {
     check(MatMult(matrix, y.get(), part_.get()));
     return local_dot(x.get(), part_.get());
@@ -505,8 +560,15 @@ void LinearMoreauJean::account() {
     check(VecWAXPY(abs_.get(), 0.5, dq_.get(), q_.get()));
     lost_.work -= form(circulatory_.get(), dq_, abs_);
   }
-  if (theta_ != 0.5)
-    lost_.scheme += (theta_ - 0.5) * (form(system_.M.get(), dv_, dv_) + form(system_.K.get(), dq_, dq_));
+  if (theta_ == 0.5) return;
+  {
+    const ReadArray v_new(u);
+    const ReadArray v_old(v_.get());
+    const WriteArray dv(abs_.get());
+    for (PetscInt j = 0; j < local_; ++j)
+      dv[j] = v_new[j] - v_old[j];
+  }
+  lost_.scheme += (theta_ - 0.5) * (form(system_.M.get(), abs_, abs_) + form(system_.K.get(), dq_, dq_));
 }
 
 Energy LinearMoreauJean::energy() {

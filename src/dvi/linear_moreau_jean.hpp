@@ -5,6 +5,7 @@
 
 #include "dvi/moreau_jean.hpp"
 #include "petsc/affine_rows.hpp"
+#include "petsc/vector_value.hpp"
 #include "vi/block_rows.hpp"
 
 namespace sweepvi {
@@ -55,7 +56,12 @@ private:
   void find_places();
   void find_rhs(const Step& step);
   void find_theta_forces(const Step& step);
+  void bound_velocities(Vec lower, Vec upper);
+  void bound_multipliers(Vec lower, Vec upper, Vec guess);
+  void find_constraint_rhs();
   void evaluate(Vec u, Vec f);
+  template <class Visit>
+  void each_run(Visit&& visit);
   bool put_held(Vec u, Vec terms);
   void take_multipliers(Vec u, Vec f);
   void take_velocities(Vec u, Vec f);
@@ -69,16 +75,20 @@ private:
     lost_.dissipated -= 0.5 * impulse * (old + now);
     lost_.scheme -= (theta_ - 0.5) * impulse * (now - old);
   }
-  void account();
+  void account(Vec u);
   PetscInt row(std::size_t a) const { return dual_ ? local_ + static_cast<PetscInt>(a) : place_[a]; }
   bool pinned(std::size_t a) const { return dual_ && !contacts_.detected(a); }
 
   const LagrangianSystem& system_;
   bool dual_;
-  Vector scale_;                                   // 1 / d
-  std::vector<double> delta_;                      // per constraint, primal-dual
-  std::vector<PetscInt> place_;                    // per constraint, box on v: its coordinate
-  std::vector<double> weight_;                     // H there
+  Vector scale_;                 // 1 / d
+  std::vector<double> delta_;    // per constraint, primal-dual
+  std::vector<PetscInt> place_;  // per constraint, box on v: its coordinate
+  std::vector<double> weight_;   // H there
+  struct Run {
+    std::int32_t first, count;
+  };
+  std::vector<Run> runs_;                          // constraints side by side whose coordinates are, too
   Matrix matrix_;                                  // dF/du, no row pinned
   Matrix abs_matrix_;                              // primal-dual
   AffineRows rows_;                                // of matrix_
@@ -92,7 +102,10 @@ private:
   Vector nu_, abs_nu_;                             // multipliers alone, primal-dual
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
+  std::vector<double> bound_;                      // box on v: of each constraint, on v
   std::vector<double> held_terms_;                 // box on v: of the constraints' rows, when settled
+  std::vector<std::int32_t> changed_;              // room for those whose contact begins or ends
+  VectorValue lower_, upper_;                      // box on v: who has them, and no other bounds
   double fastest_ = 0.0;                           // largest |v_k|
   std::vector<int> level_of_unknown_;              // primal-dual; 0: a velocity
   std::vector<char> pinned_;                       // primal-dual, constraints

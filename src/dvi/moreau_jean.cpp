@@ -17,7 +17,7 @@ Energy summed(MPI_Comm comm, const Energy& mine) {
 MoreauJean::MoreauJean(MPI_Comm comm, const MoreauJeanOptions& options, double h, Vec q0, Vec v0)
     : comm_(comm), h_(h), theta_(options.theta), detection_(options.detection) {
   require_weight("theta of moreau-jean", theta_);
-  for (Vector* vector : {&q_, &v_, &dq_, &dv_})
+  for (Vector* vector : {&q_, &v_, &dq_})
     *vector = duplicate(q0);
   check(VecCopy(q0, q_.get()));
   check(VecCopy(v0, v_.get()));
@@ -36,26 +36,21 @@ Vec MoreauJean::x() const {
   return x_.get();
 }
 
-void MoreauJean::find_increments(Vec u) {
+void MoreauJean::find_increment(Vec u) {
   const ReadArray v_new(u);
   const ReadArray v_old(v_.get());
   const WriteArray dq(dq_.get());
-  const WriteArray dv(dv_.get());
-  for (PetscInt j = 0; j < local_; ++j) {
-    dv[j] = v_new[j] - v_old[j];
+  for (PetscInt j = 0; j < local_; ++j)
     dq[j] = h_ * (theta_ * v_new[j] + (1.0 - theta_) * v_old[j]);
-  }
 }
 
 void MoreauJean::advance(Vec u) {
   check(VecCopy(u, u_.get()));
-  const ReadArray v_new(u);
-  const ReadArray dq(dq_.get());
-  const WriteArray v(v_.get());
-  const WriteArray q(q_.get());
-  for (PetscInt j = 0; j < local_; ++j) {
-    q[j] += dq[j];
-    v[j] = v_new[j];
+  check(VecAXPY(q_.get(), 1.0, dq_.get()));
+  if (u_.get() != v_.get()) {
+    const ReadArray v_new(u);
+    const WriteArray v(v_.get());
+    std::copy_n(v_new.data(), local_, v.data());
   }
   knows_x_ = false;
 }
@@ -74,9 +69,11 @@ void MoreauJean::visit(StateVisitor& visitor) {
   for (std::size_t i = 0; i < std::size(parts); ++i)
     *parts[i] = lost[i];
   {
-    const ReadArray v(v_.get());
     const WriteArray u(u_.get());
-    std::copy_n(v.data(), local_, u.data());
+    if (u_.get() != v_.get()) {
+      const ReadArray v(v_.get());
+      std::copy_n(v.data(), local_, u.data());
+    }
     std::vector<double> nu(contacts_.size(), 0.0);
     const bool dual = u.size() > local_;
     if (dual) std::copy_n(u.data() + local_, nu.size(), nu.begin());

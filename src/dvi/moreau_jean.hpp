@@ -35,8 +35,8 @@ protected:
   /// @throws Error (bad_input) if theta is outside (0, 1]
   MoreauJean(MPI_Comm comm, const MoreauJeanOptions& options, double h, Vec q0, Vec v0);
 
-  /// dv = v_{k+1} - v_k and dq = h v_theta, from the first entries of u.
-  void find_increments(Vec u);
+  /// dq = h v_theta, from the first entries of u.
+  void find_increment(Vec u);
   /// q += dq, v = v_{k+1}.
   void advance(Vec u);
 
@@ -47,7 +47,8 @@ protected:
   PetscInt local_ = 0;  // coordinates of this rank
   ContactState contacts_;
   Energy lost_;  // this rank's part of all but kinetic and potential
-  Vector u_, x_, q_, v_, dq_, dv_;
+  Vector u_;     // where velocities are all there is, v_
+  Vector x_, q_, v_, dq_;
 
 private:
   mutable bool knows_x_ = false;

@@ -266,7 +266,7 @@ void NonlinearMoreauJean::settle(Vec u) {
 }
 
 void NonlinearMoreauJean::accept(Vec u, Vec f) {
-  find_increments(u);
+  find_increment(u);
   row_terms(u, known_.get());
   {
     const ReadArray terms(known_.get());

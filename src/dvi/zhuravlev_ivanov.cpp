@@ -1,7 +1,5 @@
 #include "dvi/zhuravlev_ivanov.hpp"
 
-#include <petsc/private/petscimpl.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -40,12 +38,6 @@ int read_most_sweeps(MPI_Comm comm) {
 }
 
 }  // namespace
-
-ZhuravlevIvanov::Point::Point(Vec vector) {
-  const auto object = reinterpret_cast<PetscObject>(vector);
-  check(PetscObjectGetId(object, &id));
-  check(PetscObjectStateGet(object, &state));
-}
 
 // The communicator is that of the derivatives, and lives as long.
 ZhuravlevIvanov::ZhuravlevIvanov(const ImpactOscillators& oscillators, const TimeGrid& grid,
@@ -111,7 +103,7 @@ Matrix ZhuravlevIvanov::create_jacobian() const {
 bool ZhuravlevIvanov::set_step(double h) {
   if (options_.regulator || options_.resample) return false;
   h_ = h;
-  looked_at_ = Point{};
+  looked_at_ = VectorValue{};
   ++version_;
   return true;
 }
@@ -120,7 +112,7 @@ bool ZhuravlevIvanov::set_step(double h) {
 
 void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
   t_hat_ = step.t_old + options_.theta * step.h;
-  if (!(Point(lower) == lower_ && Point(upper) == upper_)) {
+  if (!(VectorValue(lower) == lower_ && VectorValue(upper) == upper_)) {
     const WriteArray l(lower);
     const WriteArray b(upper);
     for (PetscInt i = 0; i < count(); ++i) {
@@ -134,11 +126,11 @@ void ZhuravlevIvanov::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
       }
     }
   }
-  lower_ = Point(lower);
-  upper_ = Point(upper);
+  lower_ = VectorValue(lower);
+  upper_ = VectorValue(upper);
   if (options_.resample) start_from(x(), velocity());
   ++version_;  // columns of signs that stand on a bound change with the state
-  looked_at_ = Point{};
+  looked_at_ = VectorValue{};
   ruled_ = false;
   check(VecCopy(u_.get(), guess));
   find_accelerations(guess);
@@ -162,7 +154,7 @@ void ZhuravlevIvanov::differentiate() {
 
 /// x^, x'^ and a(t^, x^, x'^) at u, unless u is the point looked at last.
 void ZhuravlevIvanov::find_accelerations(Vec u) {
-  const Point point(u);
+  const VectorValue point(u);
   if (point == looked_at_) return;
   looked_at_ = point;
   has_force_terms_ = false;
@@ -289,8 +281,8 @@ void ZhuravlevIvanov::settle(Vec u) {
 
 /// Both, where nothing moves in one pass: what a predicted step does.
 RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, Vec terms) {
-  const bool is_what_was_ruled = looked_at_ == ruled_at_ && (Point(u) == ruled_at_ || is_ruled(u));
-  if (is_what_was_ruled) looked_at_ = Point(u);  // it, or a copy
+  const bool is_what_was_ruled = looked_at_ == ruled_at_ && (VectorValue(u) == ruled_at_ || is_ruled(u));
+  if (is_what_was_ruled) looked_at_ = VectorValue(u);  // it, or a copy
   find_accelerations(u);
   find_force_terms();
   const bool linear = oscillators_.linear();
@@ -333,14 +325,14 @@ RowRatios ZhuravlevIvanov::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f, 
     residual_and_terms(u, f, terms);
     return judge_rows(u, f, lower, upper, terms);
   }
-  looked_at_ = Point(u);
+  looked_at_ = VectorValue(u);
   if (is_what_was_ruled) ruled_at_ = looked_at_;
   if (between || !linear) ++version_;
   return judge.ratios();
 }
 
 bool ZhuravlevIvanov::admissible(Vec u) {
-  if ((ruled_ && Point(u) == ruled_at_) || is_ruled(u)) return true;
+  if ((ruled_ && VectorValue(u) == ruled_at_) || is_ruled(u)) return true;
   find_accelerations(u);
   find_force_terms();
   int spurious = 0;

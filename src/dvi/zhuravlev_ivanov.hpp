@@ -5,6 +5,7 @@
 
 #include "dvi/impact_branch.hpp"
 #include "petsc/affine_rows.hpp"
+#include "petsc/vector_value.hpp"
 #include "sweepvi/impact_oscillators.hpp"
 
 namespace sweepvi {
@@ -100,15 +101,6 @@ private:
     return part.get();
   }
 
-  /// A vector and its value: PETSc counts changes.
-  struct Point {
-    Point() = default;
-    explicit Point(Vec vector);
-    bool operator==(const Point&) const = default;
-    PetscObjectId id = -1;
-    PetscObjectState state = -1;
-  };
-
   MPI_Comm comm_;
   const ImpactOscillators& oscillators_;
   ImpactOptions options_;
@@ -128,9 +120,9 @@ private:
   mutable bool shows_state_ = false;    // what follows is that of u_
   Vector x_, velocity_;                 // state in physical coordinates
   Vector s_, v_, lambda_s_, lambda_v_;  // and in the others, each by itself
-  Point looked_at_;
-  Point begun_at_;       // where the step's guess was looked at
-  Point lower_, upper_;  // vectors that have the bounds: they are always the same
+  VectorValue looked_at_;
+  VectorValue begun_at_;       // where the step's guess was looked at
+  VectorValue lower_, upper_;  // vectors that have the bounds: they are always the same
   bool has_force_terms_ = false;
   Vector x_hat_, velocity_hat_, a_;  // of the point looked at last
   Vector force_terms_, work_, inner_;
@@ -138,7 +130,7 @@ private:
   std::vector<Motion> motions_;    // on them
   std::vector<PetscInt> changed_;  // in the last sweep
   bool ruled_ = false;             // the rule takes all of them; the point was
-  Point ruled_at_;
+  VectorValue ruled_at_;
   std::vector<StepEvent> events_;
   double dissipated_ = 0.0;
 };

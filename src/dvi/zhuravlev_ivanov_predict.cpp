@@ -13,7 +13,7 @@ namespace sweepvi {
 /// last, before and after.
 bool ZhuravlevIvanov::predict(Vec guess) {
   if (most_sweeps_ == 0) return false;
-  if (looked_at_ == begun_at_) looked_at_ = Point(guess);  // it has the same numbers
+  if (looked_at_ == begun_at_) looked_at_ = VectorValue(guess);  // it has the same numbers
   find_accelerations(guess);
   find_force_terms();  // good enough for all sweeps: what misfits are told apart by
   if (oscillators_.linear())
@@ -94,7 +94,7 @@ void ZhuravlevIvanov::relax(Vec guess) {
   others = x_rows_.ghosts(x_hat_.get());
   other_velocities = damped ? velocity_rows_.ghosts(velocity_hat_.get()) : nullptr;
   finish(known, others, other_velocities, guess);
-  looked_at_ = Point{};
+  looked_at_ = VectorValue{};
 }
 
 /// Those of linear oscillators by x^ and x'^, which are those of the guess already.
@@ -114,7 +114,7 @@ void ZhuravlevIvanov::renew_accelerations(Vec guess) {
     velocity_rows_.each_row(velocity.data(), others,
                             [&](PetscInt i, const AffineRows::Row& by_v) { a[i] += by_v.sum; });
   }
-  looked_at_ = Point(guess);
+  looked_at_ = VectorValue(guess);
   has_force_terms_ = false;
 }
 
@@ -242,7 +242,7 @@ bool ZhuravlevIvanov::sweep(Vec guess) {
   }
   int changed = changed_.empty() ? 0 : 1;
   MPI_Allreduce(MPI_IN_PLACE, &changed, 1, MPI_INT, MPI_LOR, comm_);
-  if (changed == 0) looked_at_ = Point(guess);
+  if (changed == 0) looked_at_ = VectorValue(guess);
   return changed == 0;
 }
 
@@ -293,7 +293,7 @@ void ZhuravlevIvanov::follow(Vec guess) {
       changed_.push_back(i);
     }
   }
-  looked_at_ = Point{};
+  looked_at_ = VectorValue{};
 }
 
 /// Whether u is what `predict` found: the rule was asked about it.

@@ -40,9 +40,26 @@ public:
       MaskPart all = part[0];
       for (int k = 1; k < parts; ++k)
         all |= part[k];
+      return bits_of(all) != 0;
+    }
+    /// That of the first lane is the lowest.
+    unsigned bits() const {
+      unsigned result = 0;
+      for (int k = 0; k < parts; ++k)
+        result |= bits_of(part[k]) << (k * part_width);
+      return result;
+    }
+    static unsigned bits_of(const MaskPart& lanes) {
+#if defined(__AVX2__)
+      return static_cast<unsigned>(__builtin_ia32_movmskpd256(reinterpret_cast<Part>(lanes)));
+#elif defined(__SSE2__)
+      return static_cast<unsigned>(__builtin_ia32_movmskpd(reinterpret_cast<Part>(lanes)));
+#else
+      unsigned result = 0;
       for (int lane = 0; lane < part_width; ++lane)
-        if (all[lane] != 0) return true;
-      return false;
+        result |= (lanes[lane] != 0 ? 1U : 0U) << lane;
+      return result;
+#endif
     }
   };
 
@@ -70,10 +87,28 @@ public:
       result.part_[k] = part_[k] * b.part_[k];
     return result;
   }
+  Lanes operator/(const Lanes& b) const {
+    Lanes result;
+    for (int k = 0; k < parts; ++k)
+      result.part_[k] = part_[k] / b.part_[k];
+    return result;
+  }
   Mask operator<(const Lanes& b) const {
     Mask result;  // NOLINT
     for (int k = 0; k < parts; ++k)
       result.part[k] = part_[k] < b.part_[k];
+    return result;
+  }
+  Mask operator<=(const Lanes& b) const {
+    Mask result;  // NOLINT
+    for (int k = 0; k < parts; ++k)
+      result.part[k] = part_[k] <= b.part_[k];
+    return result;
+  }
+  Mask operator==(const Lanes& b) const {
+    Mask result;  // NOLINT
+    for (int k = 0; k < parts; ++k)
+      result.part[k] = part_[k] == b.part_[k];
     return result;
   }
   /// Not a <= b: also where a number is none.
@@ -161,13 +196,17 @@ public:
     void operator|=(const Mask& other) { value = value || other.value; }
     Mask operator&(const Mask& other) const { return {value && other.value}; }
     bool any() const { return value; }
+    unsigned bits() const { return value ? 1 : 0; }
   };
   Single() = default;
   Single(double value) : value_(value) {}  // NOLINT(google-explicit-constructor)
   Single operator+(Single b) const { return value_ + b.value_; }
   Single operator-(Single b) const { return value_ - b.value_; }
   Single operator*(Single b) const { return value_ * b.value_; }
+  Single operator/(Single b) const { return value_ / b.value_; }
   Mask operator<(Single b) const { return {value_ < b.value_}; }
+  Mask operator<=(Single b) const { return {value_ <= b.value_}; }
+  Mask operator==(Single b) const { return {value_ == b.value_}; }
   static Mask not_ordered(Single a, Single b) { return {!(a.value_ <= b.value_)}; }
   Single absolute() const { return __builtin_fabs(value_); }
   static Single larger(Single a, Single b) { return a.value_ < b.value_ ? b : a; }

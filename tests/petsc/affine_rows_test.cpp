@@ -129,7 +129,7 @@ TEST_P(Rows, AreThoseOfMatMult) {
   expect_near(expected_terms, terms);
 }
 
-// Visits that change what rows read: those of a row beside another of its kind come later.
+// Apart: rows of a kind that are side by side do not follow each other.
 TEST_P(Rows, AreEachVisitedOnce) {
   const Matrix K = matrix();
   const AffineRows rows(K.get());
