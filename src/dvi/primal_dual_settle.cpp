@@ -115,7 +115,9 @@ void PrimalDual::find_held(Vec u) {
 // In persistent contact outputs and the measures below level r are zero in exact arithmetic; what the solver
 // leaves of them is residue. It must not be handed on: a later step, whose terms may be far smaller, would
 // take it for an output that is honestly open, and rows made of residue alone could never be certified. So
-// held outputs are put on their bound in x too, and their measures below level r follow from AB (32).
+// held outputs are put on their bound in x too, and their measures below level r follow from AB (32); one on
+// level r that is below the rounding of the output's own terms is none: where a trajectory is tangent to its
+// wall, nobody pushes.
 void PrimalDual::settle(Vec u) {
   scales_known_ = false;
   find_held(u);
@@ -128,7 +130,8 @@ void PrimalDual::settle(Vec u) {
         double& nu = values[local_x_ + static_cast<PetscInt>(q)];
         const double away = orientation(a, i) * settled_z_[q];
         const double push = orientation(a, i) * nu;
-        if (pinned(q) || (away > 0.0 && (away > push || open_[q] != 0)) || push < 0.0) nu = 0.0;
+        const double least = i == levels_.levels(a) ? sum_rounding * output_scale_[q] : 0.0;
+        if (pinned(q) || (away > 0.0 && (away > push || open_[q] != 0)) || push < least) nu = 0.0;
       }
     }
     for (std::size_t k = 0; k < upper_walls_.size(); ++k) {
