@@ -77,22 +77,28 @@ bool OutputBox::put_held(Vec u, Vec row_terms_of_u) {
     int i = levels_.levels(a);
     for (; i > levels_.level[a]; --i)
       scale = terms[places[i - 1]] + h_ * scale;
-    for (; i >= 1; --i) {
+    for (; i >= 2; --i) {  // what is bounded above level 1 is bounded by 0 on one side
       const PetscInt at = places[i - 1];
       scale = terms[at] + h_ * scale;
-      const Interval box = levels_.box(a, i);
-      const double near = held_rtol * scale;
       double& value = values[at];
-      if (value > box.lower + near && value < box.upper - near) continue;
-      for (const double bound : {box.upper, box.lower})
-        if (value != bound && std::abs(value - bound) <= near) {
-          value = bound;
-          moved = true;
-        }
-      if (value != box.lower && value != box.upper) continue;
+      if (!(std::abs(value) <= held_rtol * scale)) continue;
+      moved = moved || value != 0.0;
+      value = 0.0;
       held_terms_[levels_.at(a, i)] = terms[at];
-      if (i == 1) stands_at_wall(a, near);
     }
+    const PetscInt at = places[0];
+    const double near = held_rtol * (terms[at] + h_ * scale);
+    const Interval box = levels_.box(a, 1);
+    double& value = values[at];
+    if (value > box.lower + near && value < box.upper - near) continue;
+    for (const double bound : {box.upper, box.lower})
+      if (value != bound && std::abs(value - bound) <= near) {
+        value = bound;
+        moved = true;
+      }
+    if (value != box.lower && value != box.upper) continue;
+    held_terms_[levels_.at(a, 1)] = terms[at];
+    stands_at_wall(a, near);
   }
   return moved;
 }
@@ -109,15 +115,18 @@ void OutputBox::take(Vec u, Vec f, const std::vector<double>& gains) {
       for (int i = 0; i < levels; ++i)
         z_new_[first + static_cast<std::size_t>(i)] = values[places[i]];
       levels_.w[a] = values[places[0]];
-      for (int i = 1; i <= levels_.level[a]; ++i) {
-        const PetscInt at = places[i - 1];
-        const double z = values[at];
-        const Interval box = levels_.box(a, i);
-        const double noise = held_rtol * held_terms_[levels_.at(a, i)];
-        const bool holds =
-            (z <= box.lower && residual[at] > noise) || (z >= box.upper && residual[at] < -noise);
-        if (holds) levels_.measure(a, i) = residual[at] / (i == levels ? gains[a] : 1.0);
-      }
+      const auto take_measure = [&](int i, const Interval& box) {
+        const double z = values[places[i - 1]];
+        if (z > box.lower && z < box.upper) return;
+        const double force = residual[places[i - 1]];
+        const double noise = held_rtol * held_terms_[first + static_cast<std::size_t>(i - 1)];
+        if ((z <= box.lower && force > noise) || (z >= box.upper && force < -noise))
+          levels_.measure(a, i) = force / (i == levels ? gains[a] : 1.0);
+      };
+      take_measure(1, levels_.box(a, 1));
+      const Interval above = levels_.box(a, 2);  // the same on all levels up to r*
+      for (int i = 2; i <= levels_.level[a]; ++i)
+        take_measure(i, above);
     }
     levels_.advance(z_new_);
   }
