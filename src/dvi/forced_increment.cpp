@@ -9,6 +9,20 @@ namespace sweepvi {
 
 namespace {
 
+/// The same rows, without the columns of states on which no force acts.
+Matrix seen_by(Mat matrix, Vec forced) {
+  Matrix scaled;
+  check(MatDuplicate(matrix, MAT_COPY_VALUES, scaled.put()));
+  check(MatDiagonalScale(scaled.get(), nullptr, forced));
+  RowBuilder rows;
+  for_each_row(scaled.get(), [&](PetscInt, auto columns, auto values) {
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      if (values[k] != 0.0) rows.add(columns[k], values[k]);
+    rows.end_row();
+  });
+  return rows.finish(PetscObjectComm(reinterpret_cast<PetscObject>(matrix)), column_range(matrix).size());
+}
+
 /// Rows of Z in the places of outputs: visit(q, its level from 0, levels of its constraint, builder) adds up
 /// the row of output q; other rows are empty.
 template <class Visit>
@@ -42,18 +56,19 @@ ForcedIncrement::ForcedIncrement(const LinearSystem& system, const RelativeDegre
       h_old_(h * (1.0 - theta)),
       constant_(!system.f.varies) {
   if (direct_) return;
-  forced_ = duplicate(system.x0.get());
-  find_kept(relative_degree, coordinates);
+  find_kept(relative_degree, coordinates, row_range(system.A.get()).size());
+  const Vector forced = duplicate(system.x0.get());
   {
-    const WriteArray forced(forced_.get());
+    const WriteArray values(forced.get());
     for (const auto* entries : {&system.f.constant, &system.f.varying})
       for (const Forcing::Entry& entry : *entries)
-        forced[entry.local] = 1.0;
+        values[entry.local] = 1.0;
   }
-  const PetscInt first_output = row_range(relative_degree.Z.get()).first;
-  const auto Z = [&](PetscInt q) { return get_row(relative_degree.Z.get(), first_output + q); };
+  const Matrix seen = seen_by(relative_degree.Z.get(), forced.get());
+  const PetscInt first_output = row_range(seen.get()).first;
+  const auto Z = [&](PetscInt q) { return get_row(seen.get(), first_output + q); };
   const int derivatives = system.f.varies ? std::max(relative_degree.highest - 1, 1) : 1;
-  const Matrix W = coordinates.to_u_matrix();
+  const Matrix W = seen_by(coordinates.to_u_matrix().get(), forced.get());
   for (int p = 0; p < derivatives; ++p) {
     // g = sum_p T_p f^(p): (Z f^(p))_i goes to level i + 1 + p
     const Matrix T = placed_outputs(system, relative_degree, coordinates,
@@ -114,29 +129,25 @@ ForcedIncrement::ForcedIncrement(const LinearSystem& system, const RelativeDegre
       signals->of_order.push_back(duplicate(system.x0.get()));
 }
 
-void ForcedIncrement::find_kept(const RelativeDegree& relative_degree, const OutputCoordinates& coordinates) {
+void ForcedIncrement::find_kept(const RelativeDegree& relative_degree, const OutputCoordinates& coordinates,
+                                PetscInt states) {
   const std::vector<PetscInt>& first = relative_degree.first_level;
   std::vector<char> is_last(coordinates.positions().size(), 0);
   for (std::size_t a = 0; a + 1 < first.size(); ++a)
     if (first[a] < first[a + 1]) is_last[static_cast<std::size_t>(first[a + 1] - 1)] = 1;
-  PetscInt states = 0;
-  check(VecGetLocalSize(forced_.get(), &states));
   for (PetscInt i = 0; i < states; ++i) {
     const PetscInt q = coordinates.output_at(i);
     if (q < 0 || is_last[static_cast<std::size_t>(q)] != 0) kept_.push_back(i);
   }
 }
 
-// Rows that are kept, columns where f has entries; nothing if that is nothing on all ranks.
+// Rows that are kept; nothing if that is nothing on all ranks.
 void ForcedIncrement::add_part(Mat matrix, int order, std::vector<Part>& parts) const {
-  Matrix seen;
-  check(MatDuplicate(matrix, MAT_COPY_VALUES, seen.put()));
-  check(MatDiagonalScale(seen.get(), nullptr, forced_.get()));
   RowBuilder rows;
   auto kept = kept_.begin();
   PetscInt place = 0;
   int any = 0;
-  for_each_row(seen.get(), [&](PetscInt, auto columns, auto values) {
+  for_each_row(matrix, [&](PetscInt, auto columns, auto values) {
     if (kept != kept_.end() && *kept == place) {
       ++kept;
       for (std::size_t k = 0; k < columns.size(); ++k) {

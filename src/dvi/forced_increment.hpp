@@ -45,7 +45,8 @@ private:
     double time = std::numeric_limits<double>::quiet_NaN();
     std::vector<Vector> of_order;
   };
-  void find_kept(const RelativeDegree& relative_degree, const OutputCoordinates& coordinates);
+  void find_kept(const RelativeDegree& relative_degree, const OutputCoordinates& coordinates,
+                 PetscInt states);
   void add_part(Mat matrix, int order, std::vector<Part>& parts) const;
   void find_signals(double t, Signals& signals) const;
   void add_parts(const std::vector<Part>& parts, const Signals& signals, Vec c) const;
@@ -58,7 +59,6 @@ private:
   std::vector<PetscInt> kept_;  // local rows of c that may be other than 0
   std::vector<double> c_0_;     // in them
   std::vector<Part> new_, old_;
-  Vector forced_;  // 1 where f has entries
   Signals now_, before_;
 };
 
