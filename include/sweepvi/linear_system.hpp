@@ -30,8 +30,6 @@ struct Forcing {
   void add_to(Vec y, double t, int order, double factor) const;
   /// The same of those that vary, to this rank's entries.
   void add_varying_to(double* y, double t, int order, double factor) const;
-  /// factor_1 f(t_1) + factor_2 f(t_2) of those that vary, to this rank's entries.
-  void add_varying_to(double* y, double t_1, double factor_1, double t_2, double factor_2) const;
   /// The same with the largest value that each derivative ever has, which rounding of its value is relative
   /// to.
   void add_bound_to(Vec y, int order, double factor) const;

@@ -12,20 +12,23 @@ struct ContactRun {
   std::int32_t first = 0;  ///< constraint
   // Of the constraints, as in ContactState.
   double *gap = nullptr, *velocity = nullptr;
-  const double* e = nullptr;
+  const double* e = nullptr;  ///< as many as constraints; where same_e, the first ones are read for all
+  bool same_e = false;
   int* level = nullptr;
   signed char* side = nullptr;     ///< Side
   const char* contact = nullptr;   ///< before the step
   double* mu = nullptr;            ///< [constraint][2]
-  const double* weight = nullptr;  ///< H on the coordinate
-  double* bound = nullptr;         ///< on v
-  double* held_terms = nullptr;    ///< of the row when it was settled
+  const double* weight = nullptr;  ///< H on the coordinate, in the same way
+  bool same_weight = false;
+  double* bound = nullptr;       ///< on v
+  double* held_terms = nullptr;  ///< of the row when it was settled
 };
 
 /// Which are detected, and their bounds on v.
 struct ContactDetection {
   double ahead = 0.0;       ///< where the gap is tested, from t_k [s]
   bool strict = false;      ///< reached below 0, not at 0
+  bool afresh = true;       ///< else levels and sides are those of the bounds, and change where those do
   double no_bound = 0.0;    ///< a number that stands for infinity
   double* lower = nullptr;  ///< of the coordinates
   double* upper = nullptr;
@@ -45,6 +48,7 @@ struct ContactMotion {
   double noise = 0.0;  ///< impulses below, over the terms of the row, are none
   const double *u = nullptr, *f = nullptr, *scale = nullptr;
   double dissipated = 0.0, scheme = 0.0;  ///< added to: what is lost in impacts, and by the scheme
+  double deepest = 0.0;                   ///< or more: -gap
   std::int32_t* changed = nullptr;        ///< added to: constraints whose contact begins or ends
 };
 

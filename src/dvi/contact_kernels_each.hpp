@@ -19,10 +19,15 @@ void each_pack(const ContactRun& run, Each&& each) {
     each(Single(), a);
 }
 
+template <class Number>
+Number weight_of(const ContactRun& run, std::ptrdiff_t a) {
+  return Number::load(run.weight + (run.same_weight ? 0 : a), 1);
+}
+
 /// Least H v_{k+1} where detected.
 template <class Number>
 Number rebound(const ContactRun& run, std::ptrdiff_t a) {
-  return (Number(-0.0) - Number::load(run.e + a, 1)) * Number::load(run.velocity + a, 1);
+  return (Number(-0.0) - Number::load(run.e + (run.same_e ? 0 : a), 1)) * Number::load(run.velocity + a, 1);
 }
 
 void detect_contacts(const ContactRun& run, const ContactDetection& detection) {
@@ -32,12 +37,15 @@ void detect_contacts(const ContactRun& run, const ContactDetection& detection) {
         Number::load(run.gap + a, 1) + Number(detection.ahead) * Number::load(run.velocity + a, 1);
     const typename Number::Mask reached = detection.strict ? tested < Number(0.0) : tested <= Number(0.0);
     const unsigned bits = reached.bits();
-    for (int lane = 0; lane < Number::width; ++lane) {
+    const Number bound_before = Number::load(run.bound + a, 1);
+    const unsigned before = (bound_before.absolute() < Number(detection.no_bound)).bits();
+    const bool same = bits == before && !detection.afresh;
+    for (int lane = 0; lane < (same ? 0 : Number::width); ++lane) {
       const bool is_reached = (bits >> lane & 1U) != 0;
       run.level[a + lane] = is_reached ? 2 : 1;
       run.side[a + lane] = is_reached ? 1 : 0;  // Side::lower
     }
-    const Number weight = Number::load(run.weight + a, 1);
+    const Number weight = weight_of<Number>(run, a);
     const typename Number::Mask from_above = weight < Number(0.0);
     const Number none = Number::choose(from_above, Number(detection.no_bound), Number(-detection.no_bound));
     const Number bound = Number::choose(reached, rebound<Number>(run, a) / weight, none);
@@ -81,19 +89,39 @@ private:
   Single rest_ = 0.0;
 };
 
+/// The largest of 0 and what was taken.
+class LaneMaximum {
+public:
+  void take(const Lanes& values) { lanes_ = Lanes::larger(lanes_, values); }
+  void take(Single value) { rest_ = Single::larger(rest_, value); }
+  double all() const {
+    double largest = rest_[0];
+    for (int lane = 0; lane < Lanes::width; ++lane)
+      if (largest < lanes_[lane]) largest = lanes_[lane];
+    return largest;
+  }
+
+private:
+  Lanes lanes_ = 0.0;
+  Single rest_ = 0.0;
+};
+
 void move_contacts(const ContactRun& run, ContactMotion& motion) {
   const double rest = 1.0 - motion.theta;
   const double ahead = motion.theta - 0.5;
   LaneSum dissipated, scheme;
+  LaneMaximum deepest;
   each_pack(run, [&](auto kind, std::ptrdiff_t a) {
     using Number = decltype(kind);
     const Number u = Number::load(motion.u + a, 1);
-    const Number weight = Number::load(run.weight + a, 1);
+    const Number weight = weight_of<Number>(run, a);
     const Number old = Number::load(run.velocity + a, 1);
     const typename Number::Mask holds = u == Number::load(run.bound + a, 1);
     const Number now = Number::choose(holds, rebound<Number>(run, a), weight * u);
-    (Number::load(run.gap + a, 1) + Number(motion.h) * (Number(motion.theta) * now + Number(rest) * old))
-        .store(run.gap + a, 1);
+    const Number gap =
+        Number::load(run.gap + a, 1) + Number(motion.h) * (Number(motion.theta) * now + Number(rest) * old);
+    gap.store(run.gap + a, 1);
+    deepest.take(Number(-0.0) - gap);
     now.store(run.velocity + a, 1);
 
     const unsigned held = holds.bits();
@@ -115,6 +143,8 @@ void move_contacts(const ContactRun& run, ContactMotion& motion) {
   });
   motion.dissipated += dissipated.all();
   motion.scheme += scheme.all();
+  const double reached = deepest.all();
+  if (motion.deepest < reached) motion.deepest = reached;
 }
 
 }  // namespace

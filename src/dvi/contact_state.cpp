@@ -65,9 +65,10 @@ void ContactState::change_contacts(std::span<const std::int32_t> changed) {
 }
 
 double ContactState::penetration(MPI_Comm comm) const {
-  double worst = 0.0;
-  for (const double g : gap)
-    worst = std::max(worst, -g);
+  double worst = deepest.value_or(0.0);
+  if (!deepest)
+    for (const double g : gap)
+      worst = std::max(worst, -g);
   MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_DOUBLE, MPI_MAX, comm);
   return worst;
 }
@@ -83,7 +84,9 @@ void ContactState::visit(StateVisitor& visitor) {
   visitor.visit("contact", Belongs::constraint, contact);
   visitor.visit("mu", Belongs::constraint, mu, 2);
   visitor.visit("side", Belongs::constraint, side);
-  if (visitor.replaces()) events.clear();
+  if (!visitor.replaces()) return;
+  events.clear();
+  deepest.reset();
 }
 
 }  // namespace sweepvi

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -19,6 +20,7 @@ struct ContactState {
   std::vector<double> mu;     ///< [constraint][2]: the impulse of the step, on level 2
   std::vector<Side> side;
   std::vector<StepEvent> events;  ///< of the step
+  std::optional<double> deepest;  ///< largest -gap, at least 0, where somebody found it on the way
 
   /// Contact at the start: touching (or beyond), and neither approaching nor leaving.
   void start(std::vector<double> gaps, std::vector<double> velocities, Vec restitution);
@@ -37,6 +39,7 @@ struct ContactState {
   /// @param holds  detected, and H v_{k+1} stands on its bound
   void take_impulse(std::size_t a, bool holds, double impulse) {
     mu[2 * a + 1] = impulse;
+    deepest.reset();
     if (holds != (contact[a] != 0)) change_contact(a, holds, impulse);
   }
 

@@ -42,6 +42,10 @@ std::vector<double> product(Mat matrix, Vec x) {
   return {values.data(), values.data() + values.size()};
 }
 
+bool all_the_same(const std::vector<double>& values) {
+  return std::all_of(values.begin(), values.end(), [&](double value) { return value == values.front(); });
+}
+
 double local_dot(Vec a, Vec b) {
   const ReadArray x(a);
   const ReadArray y(b);
@@ -60,6 +64,7 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
     *vector = duplicate(q_.get());
   assemble();
   if (system.C) damping_ = AffineRows(system.C.get());
+  varying_ = VaryingForces(system.f, local_);
   first_row_ = row_range(matrix_.get()).first;
   if (!dual) {
     find_places();
@@ -89,6 +94,8 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
     bound_.assign(contacts_.size(), 0.0);
     held_terms_.assign(contacts_.size(), 0.0);
     changed_.assign(contacts_.size(), 0);
+    same_e_ = all_the_same(contacts_.e);
+    same_weight_ = all_the_same(weight_);
   }
 
   for (const Forcing::Entry& entry : system.f.constant) {
@@ -221,28 +228,26 @@ Matrix LinearMoreauJean::create_jacobian() const {
 // theta f(t_{k+1}) + (1 - theta) f(t_k) of forces that vary.
 void LinearMoreauJean::find_theta_forces(const Step& step) {
   const WriteArray values(theta_forces_.get());
-  std::fill_n(values.data(), values.size(), 0.0);
-  system_.f.add_varying_to(values.data(), step.t_new, theta_, step.t_old, 1.0 - theta_);
+  varying_.find(values.data(), step.t_new, theta_, step.t_old, 1.0 - theta_);
 }
 
 void LinearMoreauJean::find_rhs(const Step& step) {
   if (system_.f.varies) find_theta_forces(step);
   {
-    const double* others = of_v_.ghosts(v_.get());
     const ReadArray constant(forces_.get());
     const ReadArray varying(theta_forces_.get());
     const ReadArray scale(scale_.get());
-    const ReadArray v(v_.get());
     const WriteArray rhs(rhs_.get());
     const WriteArray terms(rhs_terms_.get());
-    of_v_.each_row(v.data(), others, [&](PetscInt j, const AffineRows::Row& by_v) {
+    for (PetscInt j = 0; j < local_; ++j) {
       const double weight = h_ * scale[j];
-      rhs[j] = weight * (constant[j] + varying[j]) + by_v.sum;
-      terms[j] = weight * (std::abs(constant[j]) + std::abs(varying[j])) + by_v.size;
-    });
+      rhs[j] = weight * (constant[j] + varying[j]);
+      terms[j] = weight * (std::abs(constant[j]) + std::abs(varying[j]));
+    }
     std::fill(rhs.data() + local_, rhs.data() + rhs.size(), 0.0);
     std::fill(terms.data() + local_, terms.data() + terms.size(), 0.0);
   }
+  of_v_.add_product(v_.get(), rhs_.get(), rhs_terms_.get());
   of_q_.add_product(q_.get(), rhs_.get(), rhs_terms_.get());
 }
 
@@ -277,11 +282,13 @@ void LinearMoreauJean::bound_velocities(Vec lower, Vec upper) {
     each_run([&](const ContactRun& run, PetscInt place) {
       contact_kernels().detect(run, {.ahead = reach_of(detection_) * h_,
                                      .strict = detection_ == Detection::current,
+                                     .afresh = !has_levels_,
                                      .no_bound = PETSC_INFINITY,
                                      .lower = l.data() + place,
                                      .upper = b.data() + place});
     });
   }
+  has_levels_ = true;
   lower_ = VectorValue(lower);
   upper_ = VectorValue(upper);
 }
@@ -295,12 +302,14 @@ void LinearMoreauJean::each_run(Visit&& visit) {
                      .first = first,
                      .gap = contacts_.gap.data() + a,
                      .velocity = contacts_.velocity.data() + a,
-                     .e = contacts_.e.data() + a,
+                     .e = contacts_.e.data() + (same_e_ ? 0 : a),
+                     .same_e = same_e_,
                      .level = contacts_.level.data() + a,
                      .side = reinterpret_cast<signed char*>(contacts_.side.data() + a),
                      .contact = contacts_.contact.data() + a,
                      .mu = contacts_.mu.data() + 2 * a,
-                     .weight = weight_.data() + a,
+                     .weight = weight_.data() + (same_weight_ ? 0 : a),
+                     .same_weight = same_weight_,
                      .bound = bound_.data() + a,
                      .held_terms = held_terms_.data() + a},
           place_[a]);
@@ -537,6 +546,7 @@ void LinearMoreauJean::take_velocities(Vec u, Vec f) {
   });
   lost_.dissipated -= motion.dissipated;
   lost_.scheme -= motion.scheme;
+  contacts_.deepest = motion.deepest;
   contacts_.change_contacts({changed_.data(), motion.changed});
 }
 
@@ -584,7 +594,9 @@ Energy LinearMoreauJean::energy() {
 
 void LinearMoreauJean::visit(StateVisitor& visitor) {
   MoreauJean::visit(visitor);
-  if (visitor.replaces()) ++version_;  // what is pinned is told by the levels of the contacts
+  if (!visitor.replaces()) return;
+  ++version_;  // what is pinned is told by the levels of the contacts
+  has_levels_ = false;
 }
 
 std::string against_box_on_v(const LagrangianSystem& system) {

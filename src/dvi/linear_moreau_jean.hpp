@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "dvi/moreau_jean.hpp"
+#include "model/varying_forces.hpp"
 #include "petsc/affine_rows.hpp"
 #include "petsc/vector_value.hpp"
 #include "vi/block_rows.hpp"
@@ -101,14 +102,17 @@ private:
   Matrix pushes_, abs_pushes_;                     // d^-1 H' delta^-1, primal-dual
   Vector nu_, abs_nu_;                             // multipliers alone, primal-dual
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
-  Vector forces_, theta_forces_, part_, abs_;      // layout of q; forces: constant, varying ones of the step
-  std::vector<double> bound_;                      // box on v: of each constraint, on v
-  std::vector<double> held_terms_;                 // box on v: of the constraints' rows, when settled
-  std::vector<std::int32_t> changed_;              // room for those whose contact begins or ends
-  VectorValue lower_, upper_;                      // box on v: who has them, and no other bounds
-  double fastest_ = 0.0;                           // largest |v_k|
-  std::vector<int> level_of_unknown_;              // primal-dual; 0: a velocity
-  std::vector<char> pinned_;                       // primal-dual, constraints
+  VaryingForces varying_;
+  Vector forces_, theta_forces_, part_, abs_;  // layout of q; forces: constant, varying ones of the step
+  std::vector<double> bound_;                  // box on v: of each constraint, on v
+  std::vector<double> held_terms_;             // box on v: of the constraints' rows, when settled
+  std::vector<std::int32_t> changed_;          // room for those whose contact begins or ends
+  bool same_e_ = false, same_weight_ = false;  // of all constraints of this rank
+  bool has_levels_ = false;                    // box on v: those of bound_
+  VectorValue lower_, upper_;                  // box on v: who has them, and no other bounds
+  double fastest_ = 0.0;                       // largest |v_k|
+  std::vector<int> level_of_unknown_;          // primal-dual; 0: a velocity
+  std::vector<char> pinned_;                   // primal-dual, constraints
   std::uint64_t rows_version_ = 0;
   std::uint64_t version_ = 0;  // counts changes of what is pinned and of h
   PetscInt first_row_ = 0;     // global number of this rank's first unknown

@@ -60,23 +60,6 @@ void Forcing::add_varying_to(double* y, double t, int order, double factor) cons
   }
 }
 
-void Forcing::add_varying_to(double* y, double t_1, double factor_1, double t_2, double factor_2) const {
-  double frequency = 0.0;  // of no entry that varies
-  double sine = 0.0;
-  double cosine = 0.0;
-  const double factor = factor_1 + factor_2;
-  for (const Entry& entry : varying) {
-    const Signal& signal = entry.signal;
-    if (signal.frequency != frequency) {
-      frequency = signal.frequency;
-      const double omega = 2.0 * std::numbers::pi * frequency;
-      sine = factor_1 * std::sin(omega * t_1) + factor_2 * std::sin(omega * t_2);
-      cosine = factor_1 * std::cos(omega * t_1) + factor_2 * std::cos(omega * t_2);
-    }
-    y[entry.local] += factor * signal.offset + signal.amplitude * (sine * entry.cosine + cosine * entry.sine);
-  }
-}
-
 void Forcing::add_bound_to(Vec y, int order, double factor) const {
   const WriteArray values(y);
   if (order == 0)

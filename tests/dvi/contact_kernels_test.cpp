@@ -69,10 +69,11 @@ struct Contacts {
             .bound = bound.data(),
             .held_terms = held_terms.data()};
   }
-  void detect(const ContactKernels& kernels, bool strict) {
-    kernels.detect(
-        run(),
-        {.ahead = h, .strict = strict, .no_bound = infinite, .lower = lower.data(), .upper = upper.data()});
+  void detect(const ContactKernels& kernels, bool strict, bool afresh = true) {
+    ContactDetection detection{.ahead = h, .strict = strict, .afresh = afresh, .no_bound = infinite};
+    detection.lower = lower.data();
+    detection.upper = upper.data();
+    kernels.detect(run(), detection);
   }
   /// Where they end without impulse, but on, near and off their bound in turn where there is one.
   void fly() {
@@ -125,6 +126,15 @@ TEST(ContactKernels, DetectWhatIsReached) {
       }
       EXPECT_GT(detected, 5);
       EXPECT_LT(detected, 24);
+      // What differs from the last time is written.
+      for (std::size_t a = 0; a < size; a += 3)
+        contacts.gap[a] = contacts.level[a] == 2 ? 1.0 : -1.0;
+      Contacts all = contacts;
+      contacts.detect(*kernels, strict, false);
+      all.detect(*kernels, strict, true);
+      EXPECT_EQ(contacts.level, all.level);
+      EXPECT_EQ(contacts.side, all.side);
+      EXPECT_EQ(contacts.bound, all.bound);
     }
   }
 }
@@ -184,6 +194,7 @@ TEST(ContactKernels, MoveThemAndTellWhatChanged) {
       EXPECT_EQ(contacts.changed, changed);
       EXPECT_NEAR(motion.dissipated, dissipated, 1e-14);  // some tens of terms of 1, in another order
       EXPECT_NEAR(motion.scheme, scheme, 1e-14);
+      EXPECT_EQ(motion.deepest, -*std::min_element(contacts.gap.begin(), contacts.gap.end()));
     }
   }
 }
