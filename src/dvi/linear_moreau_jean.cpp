@@ -6,7 +6,6 @@
 #include <cmath>
 #include <utility>
 
-#include "dvi/contact_kernels.hpp"
 #include "dvi/empty_polyhedron.hpp"
 #include "dvi/form_option.hpp"
 #include "dvi/stacked.hpp"
@@ -42,10 +41,6 @@ std::vector<double> product(Mat matrix, Vec x) {
   return {values.data(), values.data() + values.size()};
 }
 
-bool all_the_same(const std::vector<double>& values) {
-  return std::all_of(values.begin(), values.end(), [&](double value) { return value == values.front(); });
-}
-
 double local_dot(Vec a, Vec b) {
   const ReadArray x(a);
   const ReadArray y(b);
@@ -67,7 +62,6 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
   varying_ = VaryingForces(system.f, local_);
   first_row_ = row_range(matrix_.get()).first;
   if (!dual) {
-    find_places();
     blocks_ = small_blocks(system.block, system.coordinates());
     block_rows_ = BlockRows(rows_, blocks_);
   }
@@ -90,13 +84,7 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
       gaps[a] += offset[static_cast<PetscInt>(a)];
   }
   contacts_.start(std::move(gaps), product(system.H.get(), v_.get()), system.e.get());
-  if (!dual) {
-    bound_.assign(contacts_.size(), 0.0);
-    held_terms_.assign(contacts_.size(), 0.0);
-    changed_.assign(contacts_.size(), 0);
-    same_e_ = all_the_same(contacts_.e);
-    same_weight_ = all_the_same(weight_);
-  }
+  if (!dual) box_.start(system.H.get());
 
   for (const Forcing::Entry& entry : system.f.constant) {
     const WriteArray forces(forces_.get());
@@ -202,22 +190,6 @@ Matrix LinearMoreauJean::saddle(Mat J) {
   return rows.finish(comm(), coordinates.size() + constraints.size());
 }
 
-// Box on v: the one coordinate of each constraint, and which of them stand side by side.
-void LinearMoreauJean::find_places() {
-  const LocalRange coordinates = row_range(system_.M.get());
-  for_each_row(system_.H.get(), [&](PetscInt, auto columns, auto values) {
-    for (std::size_t k = 0; k < columns.size(); ++k) {
-      if (values[k] == 0.0) continue;
-      place_.push_back(columns[k] - coordinates.first);
-      weight_.push_back(values[k]);
-    }
-  });
-  for (std::size_t a = 0; a < place_.size(); ++a) {
-    if (a == 0 || place_[a] != place_[a - 1] + 1) runs_.push_back({static_cast<std::int32_t>(a), 0});
-    ++runs_.back().count;
-  }
-}
-
 Matrix LinearMoreauJean::create_jacobian() const {
   Matrix jacobian;
   check(MatDuplicate(matrix_.get(), MAT_COPY_VALUES, jacobian.put()));
@@ -252,68 +224,18 @@ void LinearMoreauJean::find_rhs(const Step& step) {
 }
 
 void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
-  std::vector<int> last;
-  if (dual_) last = contacts_.level;
-  if (dual_) {
-    contacts_.detect(reach_of(detection_) * h_, detection_);
-    if (contacts_.level != last) ++version_;
-    check(VecNorm(v_.get(), NORM_INFINITY, &fastest_));
-  }
   find_rhs(step);
   check(VecCopy(u_.get(), guess));
-  if (dual_) {
-    bound_multipliers(lower, upper, guess);
-    find_constraint_rhs();
-  } else {
-    bound_velocities(lower, upper);
+  if (!dual_) {
+    box_.begin(lower, upper, h_, detection_);
+    return;
   }
-}
-
-// Box on v: only coordinates of constraints ever have a bound.
-void LinearMoreauJean::bound_velocities(Vec lower, Vec upper) {
-  if (!(VectorValue(lower) == lower_ && VectorValue(upper) == upper_)) {
-    check(VecSet(lower, PETSC_NINFINITY));
-    check(VecSet(upper, PETSC_INFINITY));
-  }
-  contacts_.events.clear();
-  {
-    const WriteArray l(lower);
-    const WriteArray b(upper);
-    each_run([&](const ContactRun& run, PetscInt place) {
-      contact_kernels().detect(run, {.ahead = reach_of(detection_) * h_,
-                                     .strict = detection_ == Detection::current,
-                                     .afresh = !has_levels_,
-                                     .no_bound = PETSC_INFINITY,
-                                     .lower = l.data() + place,
-                                     .upper = b.data() + place});
-    });
-  }
-  has_levels_ = true;
-  lower_ = VectorValue(lower);
-  upper_ = VectorValue(upper);
-}
-
-// Calls visit(constraints side by side, the first one's coordinate).
-template <class Visit>
-void LinearMoreauJean::each_run(Visit&& visit) {
-  for (const auto& [first, count] : runs_) {
-    const auto a = static_cast<std::size_t>(first);
-    visit(ContactRun{.count = count,
-                     .first = first,
-                     .gap = contacts_.gap.data() + a,
-                     .velocity = contacts_.velocity.data() + a,
-                     .e = contacts_.e.data() + (same_e_ ? 0 : a),
-                     .same_e = same_e_,
-                     .level = contacts_.level.data() + a,
-                     .side = reinterpret_cast<signed char*>(contacts_.side.data() + a),
-                     .contact = contacts_.contact.data() + a,
-                     .mu = contacts_.mu.data() + 2 * a,
-                     .weight = weight_.data() + (same_weight_ ? 0 : a),
-                     .same_weight = same_weight_,
-                     .bound = bound_.data() + a,
-                     .held_terms = held_terms_.data() + a},
-          place_[a]);
-  }
+  const std::vector<int> last = contacts_.level;
+  contacts_.detect(reach_of(detection_) * h_, detection_);
+  if (contacts_.level != last) ++version_;
+  check(VecNorm(v_.get(), NORM_INFINITY, &fastest_));
+  bound_multipliers(lower, upper, guess);
+  find_constraint_rhs();
 }
 
 void LinearMoreauJean::bound_multipliers(Vec lower, Vec upper, Vec guess) {
@@ -435,7 +357,11 @@ void LinearMoreauJean::residual_and_terms(Vec u, Vec f, Vec terms) {
 
 void LinearMoreauJean::settle(Vec u) {
   row_terms(u, known_.get());
-  if (dual_) evaluate(u, work_.get());
+  if (!dual_) {
+    box_.settle(u, known_.get());
+    return;
+  }
+  evaluate(u, work_.get());
   put_held(u, known_.get());
 }
 
@@ -445,35 +371,21 @@ RowRatios LinearMoreauJean::settle_and_judge(Vec u, Vec lower, Vec upper, Vec f,
     return block_rows_.judge(u, lower, upper, rhs_.get(), rhs_terms_.get(), f, terms);
   };
   const RowRatios rows = judge();
-  int moved = put_held(u, terms) ? 1 : 0;
+  int moved = box_.settle(u, terms) ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &moved, 1, MPI_INT, MPI_LOR, comm());
   return moved != 0 ? judge() : rows;
 }
 
-// By the terms of each row; primal-dual by F before rows are pinned, too, which is in work_. Says whether
-// anything moved.
-bool LinearMoreauJean::put_held(Vec u, Vec terms) {
+// Primal-dual: by the terms of each row, and F before rows are pinned, which is in work_.
+void LinearMoreauJean::put_held(Vec u, Vec terms) {
   const ReadArray scale(terms);
   const WriteArray values(u);
-  if (!dual_) {
-    ContactSettling settling{.near = held_rtol};
-    each_run([&](const ContactRun& run, PetscInt place) {
-      settling.u = values.data() + place;
-      settling.terms = scale.data() + place;
-      contact_kernels().settle(run, settling);
-    });
-    return settling.moved;
-  }
-  bool moved = false;
   const ReadArray f(work_.get());
   for (std::size_t a = 0; a < contacts_.size(); ++a) {
     const PetscInt i = row(a);
     const bool open = f[i] > values[i] && f[i] > held_rtol * scale[i];
-    if (!pinned(a) && !(values[i] < 0.0) && !open) continue;
-    moved = moved || values[i] != 0.0;
-    values[i] = 0.0;
+    if (pinned(a) || values[i] < 0.0 || open) values[i] = 0.0;
   }
-  return moved;
 }
 
 // M is positive definite: what can go wrong is that no velocity suits all constraints that are closed.
@@ -511,7 +423,7 @@ void LinearMoreauJean::accept(Vec u, Vec f) {
     evaluate(u, work_.get());  // F before rows are pinned
     take_multipliers(u, work_.get());
   } else {
-    take_velocities(u, f);
+    box_.take(u, f, scale_.get(), h_, theta_, lost_);
   }
   account(u);
   advance(u);
@@ -529,25 +441,6 @@ void LinearMoreauJean::take_multipliers(Vec u, Vec f) {
     const double rebound = contacts_.rebound(a);
     move_contact(a, holds, holds ? values[i] / delta_[a] : 0.0, holds ? rebound : rebound + residual[i]);
   }
-}
-
-// Box on v: an impulse is what F is left with where v stands on its bound.
-void LinearMoreauJean::take_velocities(Vec u, Vec f) {
-  const ReadArray residual(f);
-  const ReadArray values(u);
-  const ReadArray scale(scale_.get());
-  ContactMotion motion{.h = h_, .theta = theta_, .noise = held_rtol};
-  motion.changed = changed_.data();
-  each_run([&](const ContactRun& run, PetscInt place) {
-    motion.u = values.data() + place;
-    motion.f = residual.data() + place;
-    motion.scale = scale.data() + place;
-    contact_kernels().move(run, motion);
-  });
-  lost_.dissipated -= motion.dissipated;
-  lost_.scheme -= motion.scheme;
-  contacts_.deepest = motion.deepest;
-  contacts_.change_contacts({changed_.data(), motion.changed});
 }
 
 // What a step loses and gains besides impacts. With x_theta = mean + (theta - 1/2) dx, the product of the
@@ -596,7 +489,7 @@ void LinearMoreauJean::visit(StateVisitor& visitor) {
   MoreauJean::visit(visitor);
   if (!visitor.replaces()) return;
   ++version_;  // what is pinned is told by the levels of the contacts
-  has_levels_ = false;
+  box_.forget();
 }
 
 std::string against_box_on_v(const LagrangianSystem& system) {

@@ -3,10 +3,10 @@
 #include <optional>
 #include <vector>
 
+#include "dvi/box_contacts.hpp"
 #include "dvi/moreau_jean.hpp"
 #include "model/varying_forces.hpp"
 #include "petsc/affine_rows.hpp"
-#include "petsc/vector_value.hpp"
 #include "vi/block_rows.hpp"
 
 namespace sweepvi {
@@ -54,18 +54,13 @@ private:
   Matrix scaled(std::optional<double> m, std::optional<double> c, std::optional<double> k) const;
   Matrix saddle(Mat J);
   void take_pushes(Vec u, Vec nu) const;
-  void find_places();
   void find_rhs(const Step& step);
   void find_theta_forces(const Step& step);
-  void bound_velocities(Vec lower, Vec upper);
   void bound_multipliers(Vec lower, Vec upper, Vec guess);
   void find_constraint_rhs();
   void evaluate(Vec u, Vec f);
-  template <class Visit>
-  void each_run(Visit&& visit);
-  bool put_held(Vec u, Vec terms);
+  void put_held(Vec u, Vec terms);
   void take_multipliers(Vec u, Vec f);
-  void take_velocities(Vec u, Vec f);
   // `now` is H v_{k+1}.
   void move_contact(std::size_t a, bool holds, double impulse, double now) {
     const double old = contacts_.velocity[a];
@@ -77,19 +72,14 @@ private:
     lost_.scheme -= (theta_ - 0.5) * impulse * (now - old);
   }
   void account(Vec u);
-  PetscInt row(std::size_t a) const { return dual_ ? local_ + static_cast<PetscInt>(a) : place_[a]; }
+  PetscInt row(std::size_t a) const { return local_ + static_cast<PetscInt>(a); }
   bool pinned(std::size_t a) const { return dual_ && !contacts_.detected(a); }
 
   const LagrangianSystem& system_;
   bool dual_;
-  Vector scale_;                 // 1 / d
-  std::vector<double> delta_;    // per constraint, primal-dual
-  std::vector<PetscInt> place_;  // per constraint, box on v: its coordinate
-  std::vector<double> weight_;   // H there
-  struct Run {
-    std::int32_t first, count;
-  };
-  std::vector<Run> runs_;                          // constraints side by side whose coordinates are, too
+  Vector scale_;                                   // 1 / d
+  std::vector<double> delta_;                      // per constraint, primal-dual
+  BoxContacts box_{contacts_};                     // box on v
   Matrix matrix_;                                  // dF/du, no row pinned
   Matrix abs_matrix_;                              // primal-dual
   AffineRows rows_;                                // of matrix_
@@ -104,12 +94,6 @@ private:
   Vector rhs_, rhs_terms_, work_, terms_, known_;  // layout of u
   VaryingForces varying_;
   Vector forces_, theta_forces_, part_, abs_;  // layout of q; forces: constant, varying ones of the step
-  std::vector<double> bound_;                  // box on v: of each constraint, on v
-  std::vector<double> held_terms_;             // box on v: of the constraints' rows, when settled
-  std::vector<std::int32_t> changed_;          // room for those whose contact begins or ends
-  bool same_e_ = false, same_weight_ = false;  // of all constraints of this rank
-  bool has_levels_ = false;                    // box on v: those of bound_
-  VectorValue lower_, upper_;                  // box on v: who has them, and no other bounds
   double fastest_ = 0.0;                       // largest |v_k|
   std::vector<int> level_of_unknown_;          // primal-dual; 0: a velocity
   std::vector<char> pinned_;                   // primal-dual, constraints
