@@ -51,9 +51,9 @@ namespace {
 constexpr double solved = 2e-15;  // of the terms of a row: rounding of the accelerations
 }
 
-/// Linear oscillators one after the other, each with its neighbours as they are by now (those of other ranks
-/// as they were): Gauss-Seidel, which contracts like the square of h^2 da/dx. In the first sweep neighbours
-/// that were not yet seen stand where they fly to without contact.
+/// Linear oscillators, every other one first, each with its neighbours as they are by now (those of other
+/// ranks as they were): Gauss-Seidel, which contracts like the square of h^2 da/dx. In the first sweep
+/// neighbours that were not yet seen stand where they fly to without contact.
 void ZhuravlevIvanov::relax(Vec guess) {
   const bool damped = derivative_.by_velocity() != nullptr;
   Vec known = work_.get();  // the accelerations but for what x and x' give
