@@ -33,8 +33,7 @@ void OutputBox::start_from(Vec u) {
 // are still as they were left.
 void OutputBox::begin_levels(Vec lower, Vec upper) {
   levels_.apply_level_rule();
-  if (lower != lower_ || upper != upper_ || state_of(lower) != lower_state_ ||
-      state_of(upper) != upper_state_) {
+  if (!(VectorValue(lower) == lower_ && VectorValue(upper) == upper_)) {
     check(VecSet(lower, PETSC_NINFINITY));
     check(VecSet(upper, PETSC_INFINITY));
     written_.assign(levels_.constraints(), 0);
@@ -53,10 +52,8 @@ void OutputBox::begin_levels(Vec lower, Vec upper) {
       }
     }
   }
-  lower_ = lower;
-  upper_ = upper;
-  lower_state_ = state_of(lower);
-  upper_state_ = state_of(upper);
+  lower_ = VectorValue(lower);
+  upper_ = VectorValue(upper);
 }
 
 void OutputBox::settle(Vec u) {

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "dvi/level_dvi.hpp"
+#include "petsc/vector_value.hpp"
 
 namespace sweepvi {
 
@@ -36,8 +37,7 @@ protected:
 
 private:
   Vector terms_;
-  Vec lower_ = nullptr, upper_ = nullptr;  // bounds that were last written, and
-  PetscObjectState lower_state_ = 0, upper_state_ = 0;
+  VectorValue lower_, upper_;       // bounds as they were last written
   std::vector<int> written_;        // for which level and side, by constraint
   std::vector<double> z_new_;       // of the step that is taken
   std::vector<double> held_terms_;  // of rows whose output stood at a bound when they were last put there
