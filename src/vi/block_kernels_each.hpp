@@ -2,6 +2,7 @@
 
 #include "vi/block_kernels.hpp"
 #include "vi/lanes.hpp"
+#include "vi/negligible_residual.hpp"
 
 // The kernels, for each file that compiles them (lanes.hpp).
 // NOLINTBEGIN(cert-dcl59-cpp,misc-definitions-in-headers,cppcoreguidelines-pro-type-member-init): as said;
@@ -124,7 +125,7 @@ struct RowLook {
   }
   static void take_worst(const Number& natural, const Number& terms, BlockJudge& judge) {
     for (int lane = 0; lane < Number::width; ++lane)
-      if (natural[lane] > judge.worst * terms[lane])
+      if (natural[lane] > judge.worst * terms[lane] && natural[lane] > negligible_residual)
         judge.worst = natural[lane] / terms[lane];  // terms = 0: infinite, as it should be
   }
 };

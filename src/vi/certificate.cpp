@@ -110,7 +110,7 @@ double Certificate::weighted_ratio(Vec u, Vec lower, Vec upper, Vec f) {
     const ReadArray weights(weights_.get());
     for (PetscInt i = 0; i < x.size(); ++i) {
       const double natural = std::abs(natural_residual(x[i], value[i], l[i], b[i]));
-      if (natural == 0.0) continue;
+      if (natural <= negligible_residual) continue;
       const double distance =
           natural * (weights[i] < 1.0 / terms[i] ? 1.0 / terms[i] : weights[i]);  // or NaN
       const double residual = std::abs(value[i]) / terms[i];

@@ -17,6 +17,8 @@ namespace sweepvi {
 /// A row without bounds whose unknowns all vanish in exact arithmetic consists of residue; only there, where
 /// it fails otherwise, a tenth of the terms of the unknowns it reads counts as its own.
 ///
+/// A natural residual below the range of numbers (negligible_residual, 1e-292) is none.
+///
 /// What is not finite - u, F or terms - certifies nothing: an overflown sum of terms would excuse any
 /// residual.
 class Certificate {

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "sweepvi/dvi.hpp"
+#include "vi/negligible_residual.hpp"
 
 namespace sweepvi {
 
@@ -26,7 +27,7 @@ public:
   void look_at(double u, double f, double lower, double upper, double terms) {
     not_finite_ += 0.0 * u + 0.0 * f + 0.0 * terms;
     const double natural = std::abs(natural_residual(u, f, lower, upper));
-    if (natural > ratios_.worst * terms)
+    if (natural > ratios_.worst * terms && natural > negligible_residual)
       ratios_.worst = natural / terms;  // terms = 0: infinite, as it should be
     if (natural < std::abs(f) && natural != 0.0) ratios_.by_distance = true;
     if (!(u >= lower && u <= upper)) ratios_.outside = true;
@@ -35,7 +36,7 @@ public:
   void look_at_free(double u, double f, double terms) {
     not_finite_ += 0.0 * u + 0.0 * f + 0.0 * terms;
     const double natural = std::abs(f);
-    if (natural > ratios_.worst * terms) ratios_.worst = natural / terms;
+    if (natural > ratios_.worst * terms && natural > negligible_residual) ratios_.worst = natural / terms;
   }
   RowRatios ratios() const {
     RowRatios result = ratios_;
