@@ -68,6 +68,7 @@ struct StepReport {
   bool predicted = false;      ///< SNES accepted the predictor's guess as it was
   Rung rung = Rung::chosen;    ///< attempt that succeeded
   int attempts = 0;            ///< made in all
+  PetscInt parts = 1;          ///< in which the step was taken; above 1 it is that of smaller steps
   std::string reason;          ///< the solver's own word on the last attempt
   std::string linear_failure;  ///< why linear systems could not be solved, and in how many attempts; or empty
   std::string obstacle;   ///< why there is no solution, where that is proved (no attempt was made then), or

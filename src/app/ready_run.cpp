@@ -74,6 +74,7 @@ RunResult ReadyRun::go(bool keep) {
   };
   march_->observe([&](const Step& step, const StepReport& report) {
     ++result.steps;
+    result.parted += report.parts > 1 ? 1 : 0;
     result.newton_iterations += report.iterations;
     put(step.t_new, true, true);
   });

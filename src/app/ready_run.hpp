@@ -19,6 +19,7 @@ struct RunResult {
   double seconds = 0.0;          ///< of stepping, of the slowest rank, without what it takes to keep rows
   double matmult_seconds = 0.0;  ///< of one with the Jacobian of a step
   std::int64_t steps = 0;        ///< hybrid: Taylor series and time steps
+  std::int64_t parted = 0;       ///< steps taken in parts
   std::int64_t linear_solves = 0, newton_iterations = 0;
 };
 

@@ -143,6 +143,7 @@ void Run::after_step(const Step& step, const StepReport& report) {
   summary_.snes_iterations += report.iterations;
   summary_.predictor_hits += report.predicted ? 1 : 0;
   ++summary_.rungs[static_cast<std::size_t>(report.rung)];
+  summary_.most_parts = std::max<std::int64_t>(summary_.most_parts, report.parts);
   summary_.max_residual = std::max(summary_.max_residual, report.residual);
   summary_.max_penetration = std::max(summary_.max_penetration, model_->dvi().penetration());
   int contact_changes = model_->contact_changes() > 0 ? 1 : 0;
@@ -190,6 +191,8 @@ void Run::conclude() {
     summary_.max_residual = std::max(summary_.max_residual, report_.residual);
   summary_.exit = failed ? ExitCode::unsolved : stopped_ ? ExitCode::stopped : ExitCode::done;
   summary_.status = failed ? "failed" : stopped_ ? "stopped" : "done";
+  if (model_->hybrid() != nullptr) summary_.hybrid = march_->hybrid_counts();
+  summary_.notes = notes_of(scene_.time, summary_);
   CheckpointData goes_on;
   const bool complete = summary_.exit == ExitCode::done;
   recorder_->abandon();
@@ -200,6 +203,7 @@ void Run::conclude() {
   }
   recorder_->file().attribute("status", summary_.status);
   recorder_->file().attribute("finished", timestamp());
+  recorder_->file().attribute("notes", lines_of(summary_.notes));
   if (!complete)
     recorder_->file().embed("/checkpoint", rank_ == 0 ? encode(goes_on) : std::vector<std::byte>());
   recorder_->finish();
@@ -207,7 +211,6 @@ void Run::conclude() {
     checkpointing_->remove();
   else
     checkpointing_->write(goes_on);
-  if (model_->hybrid() != nullptr) summary_.hybrid = march_->hybrid_counts();
   summary_.time_matmult(march_->solver().jacobian());
   summary_.mumps_flops = march_->solver().mumps_flops();
   summary_.unused_options = report_unused_options(comm_);
@@ -228,6 +231,8 @@ void Run::tell() const {
                summary_.hybrid->steps, summary_.hybrid->stepped);
   fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
              summary_.max_residual, summary_.max_penetration, summary_.snes_iterations);
+  for (const Note& note : summary_.notes)
+    fmt::print("note: {}\n", note.text);
 }
 
 ExitCode Run::go() {

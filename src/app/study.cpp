@@ -161,6 +161,7 @@ StudyRow Study::run_one(const StudyRun& run) {
     kept = std::move(result.kept);
     matmult = result.matmult_seconds;
     row.steps = result.steps;
+    row.steps_in_parts = result.parted;
     row.linear_solves = result.linear_solves;
     row.newton_iterations = result.newton_iterations;
   }

@@ -42,6 +42,7 @@ std::vector<Entry> entries(const StudyRow& row) {
           {"seconds_min", real(row.seconds_min)},
           {"seconds_max", real(row.seconds_max)},
           {"steps", count(row.steps)},
+          {"steps_in_parts", count(row.steps_in_parts)},
           {"linear_solves", count(row.linear_solves)},
           {"newton_iterations", count(row.newton_iterations)},
           {"matmults_per_step", real(row.matmults_per_step)}};
@@ -87,6 +88,7 @@ std::vector<std::string> cells(const StudyRow& row, bool several_settings, bool 
   line.push_back(fmt::format("{:.3g}", row.seconds));
   line.push_back(fmt::format("{:.3g}..{:.3g}", row.seconds_min, row.seconds_max));
   line.push_back(fmt::format("{}", row.steps));
+  if (row.steps_in_parts > 0) line.back() += fmt::format(" ({} in parts)", row.steps_in_parts);
   line.push_back(fmt::format("{}", row.linear_solves));
   line.push_back(fmt::format("{}", row.newton_iterations));
   line.push_back(fmt::format("{:.0f}", row.matmults_per_step));

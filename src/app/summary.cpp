@@ -124,6 +124,9 @@ std::string Summary::text(MPI_Comm comm) const {
   json["active_changes"] = active_changes;
   for (std::size_t i = 0; i < rungs.size(); ++i)
     json["rungs"][StepSolver::rung_names[i]] = rungs[i];
+  json["notes"] = nlohmann::ordered_json::array();
+  for (const Note& note : notes)
+    json["notes"].push_back({{"kind", note.kind}, {"count", note.count}, {"text", note.text}});
   if (hybrid)
     json["hybrid"] = {{"expansions", hybrid->expansions}, {"coefficients", hybrid->coefficients},
                       {"events", hybrid->events},         {"resets", hybrid->resets},
@@ -138,14 +141,18 @@ std::string Summary::text(MPI_Comm comm) const {
 std::pair<std::vector<std::int64_t>, std::vector<double>> Summary::to_go_on(MPI_Comm comm) const {
   std::int64_t events[] = {factorizations(), linear_solves()};
   MPI_Bcast(events, 2, MPI_INT64_T, 0, comm);
-  std::vector<std::int64_t> counts = {snes_iterations, predictor_hits, active_changes,
-                                      earlier_factorizations + events[0], earlier_linear_solves + events[1]};
+  std::vector<std::int64_t> counts = {snes_iterations,
+                                      predictor_hits,
+                                      active_changes,
+                                      earlier_factorizations + events[0],
+                                      earlier_linear_solves + events[1],
+                                      most_parts};
   counts.insert(counts.end(), rungs.begin(), rungs.end());
   return {counts, {max_residual, max_penetration, seconds_stepping}};
 }
 
 bool Summary::fits(const std::vector<std::int64_t>& counts, const std::vector<double>& measures) {
-  return counts.size() == 5 + StepSolver::Rungs{}.size() && measures.size() == 3;
+  return counts.size() == 6 + StepSolver::Rungs{}.size() && measures.size() == 3;
 }
 
 void Summary::go_on_from(const std::vector<std::int64_t>& counts, const std::vector<double>& measures) {
@@ -154,7 +161,8 @@ void Summary::go_on_from(const std::vector<std::int64_t>& counts, const std::vec
   active_changes = counts[2];
   earlier_factorizations = counts[3];
   earlier_linear_solves = counts[4];
-  std::copy(counts.begin() + 5, counts.end(), rungs.begin());
+  most_parts = counts[5];
+  std::copy(counts.begin() + 6, counts.end(), rungs.begin());
   max_residual = measures[0];
   max_penetration = measures[1];
   seconds_stepping = measures[2];

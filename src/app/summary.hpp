@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/notes.hpp"
 #include "sweepvi/step_solver.hpp"
 #include "sweepvi/time_march.hpp"
 
@@ -24,6 +25,8 @@ struct Summary {
   std::int64_t snes_iterations = 0;
   std::int64_t predictor_hits = 0, active_changes = 0;
   StepSolver::Rungs rungs{};
+  std::int64_t most_parts = 1;         ///< that a step was taken in
+  std::vector<Note> notes;             ///< what is not as it was asked for
   std::optional<HybridCounts> hybrid;  ///< of the scheme hybrid
   double max_residual = 0.0, max_penetration = 0.0;
   std::vector<std::string> unused_options;

@@ -133,6 +133,7 @@ struct TimeMarch::Impl {
       report.iterations += all.iterations;
       report.attempts += all.attempts;
       report.residual = std::max(report.residual, all.residual);
+      report.parts = parts;
       all = report;
       if (!all.certified) return all;
       problem.accept(solver->solution(), solver->residual());

@@ -101,6 +101,7 @@ TimeSpec read_time(const TomlValue& table, const std::vector<Scheme>& fitting) {
   if (steps > most_steps)
     step.fail(fmt::format("= {} s makes {:.3g} steps; expected at most {:.0f}", asked, steps, most_steps));
   time.steps = static_cast<std::int64_t>(steps);
+  time.asked_step = asked;
   time.step = duration / steps;
   if (time.start + time.step <= time.start || time.end - time.step >= time.end)
     step.fail(fmt::format("= {} s is lost in the rounding of times from {} s to {} s", asked, time.start,

@@ -26,6 +26,7 @@ struct TimeSpec {
   double start = 0.0;       ///< [s]
   double end = 0.0;         ///< [s]
   double step = 0.0;        ///< h [s], already adjusted to hit `end`
+  double asked_step = 0.0;  ///< as the scene has it [s]
   std::int64_t steps = 0;   ///< K
   double theta = 1.0;  ///< weight of t_{k+1} in state terms, (0, 1]; homsp, moreau-jean, zhuravlev-ivanov
   double gamma = 1.0;  ///< the same of multipliers, (0, 1]; zhuravlev-ivanov

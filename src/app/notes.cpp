@@ -1,0 +1,45 @@
+#include "app/notes.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "app/summary.hpp"
+
+namespace sweepvi::app {
+
+namespace {
+
+// Rounding of (end - start) / K is no other step.
+constexpr double same_step = 1e-9;
+
+}  // namespace
+
+std::vector<Note> notes_of(const TimeSpec& time, const Summary& summary) {
+  std::vector<Note> notes;
+  const bool hybrid = time.scheme == Scheme::hybrid;
+  if (std::abs(time.step - time.asked_step) > same_step * time.asked_step)
+    notes.push_back({"step_adjusted", 1,
+                     fmt::format("time.step = {:.6g} s does not divide the run: {} of {:.6g} s instead",
+                                 time.asked_step, hybrid ? "rows" : "steps", time.step)});
+  if (const std::int64_t parted = summary.rungs[static_cast<std::size_t>(Rung::smaller_step)]; parted > 0)
+    notes.push_back(
+        {"smaller_step", parted,
+         fmt::format("{} of {} steps could only be solved in parts, {} at most: there the trajectory is that "
+                     "of smaller steps (-sweepvi_halvings 0 forbids it)",
+                     parted, summary.steps, summary.most_parts)});
+  if (summary.hybrid && summary.hybrid->steps > 0)
+    notes.push_back({"time_stepped", summary.hybrid->steps,
+                     fmt::format("{} time steps covered {:.3g} s in which events accumulate",
+                                 summary.hybrid->steps, summary.hybrid->stepped)});
+  return notes;
+}
+
+std::string lines_of(const std::vector<Note>& notes) {
+  std::string lines;
+  for (const Note& note : notes)
+    lines += (lines.empty() ? "" : "\n") + note.text;
+  return lines;
+}
+
+}  // namespace sweepvi::app
