@@ -1,8 +1,9 @@
 """Hard constraints: dependent ones, Markov matrices of all kinds, zero dynamics, coupling, masses, magnitudes."""
 
 import numpy as np
-from scenes import FALL, integrators, jerk_matrices, markov, masses, moreau_jean, paper65, random_system, scene
-from suite import Case, exact_homsp, exact_moreau_jean, worst_of_all
+import random_runs
+from scenes import FALL, integrators, jerk_matrices, markov, masses, moreau_jean, paper65, scene
+from suite import Case, exact_homsp, exact_moreau_jean
 
 PRIMAL_DUAL = ("-sweepvi_form", "primal-dual")
 SAME = "the same steps in 60 digits"
@@ -138,8 +139,7 @@ add("zero dynamics", "non-minimum phase: w = x' - x", scene(backwards, 5.0, 0.02
 
 # ---------------------------------------------------------------- everything at once
 
-for seed in range(20):
-    add("random systems", f"number {seed}", scene(random_system(seed), 4.0, 0.05), SAME, exact_homsp(1e-9), quick=seed < 2)
+CASES += [random_runs.steps_of(str(seed)) for seed in range(20)]
 
 # ---------------------------------------------------------------- coupling, masses, magnitudes
 

@@ -107,7 +107,7 @@ def like_one(single, columns):
 
 
 def jerk_single(run, x):
-    from exact_steps import Homsp
+    from scheme_steps import Homsp
 
     exact = Homsp(**{k: v for k, v in jerk_matrices(1, 0.0, base=0.5, spread=0.0).items()}, h=run.h)
     states = [exact.x] + [list(exact.step().x) for _ in range(len(x) - 1)]

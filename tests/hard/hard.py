@@ -1,5 +1,6 @@
 """Runs hard cases and prints what came of them: `hard.py` the quick ones, `hard.py --full` all of them, on all rank
-counts and with all solvers. With words after it, only the cases whose group or name contains one of them.
+counts and with all solvers, and 200 random systems. With words after it, only the cases whose group or name contains one of
+them. `hard.py --seed SEED`: only 200 random systems from this seed.
 """
 
 import argparse
@@ -9,6 +10,7 @@ import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
+import random_runs
 import suite
 from cases import CASES
 
@@ -99,9 +101,18 @@ def main(full, words=(), out=sys.stdout):
     return bad
 
 
+def random_systems(seed, count=200, out=sys.stdout):
+    """Of each kind; returns how many ended otherwise than they should."""
+    return random_runs.main("steps", seed, count, out=out)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--full", action="store_true", help="all cases, rank counts and solvers")
     parser.add_argument("words", nargs="*", help="only cases with one of these in their group or name")
+    parser.add_argument("--seed", help="random systems only, from this seed")
     given = parser.parse_args()
-    sys.exit(1 if main(given.full, given.words) else 0)
+    bad = 0 if given.seed else main(given.full, given.words)
+    if given.seed or given.full and not given.words:
+        bad += random_systems(given.seed or "full")
+    sys.exit(1 if bad else 0)

@@ -1,10 +1,5 @@
 """Building blocks of the scenes."""
 
-import math
-import random
-
-import numpy as np
-
 FALL = -1.0
 
 
@@ -82,38 +77,3 @@ def masses(H, q0, v0, f, M=None, K=None, **keys):
 
 def moreau_jean(model, end, step, theta=0.5, **time):
     return scene(model, end, step, scheme="moreau-jean", theta=theta, **time)
-
-
-def random_system(seed):
-    """Up to three constraints of degrees 1 to 3 that share states, inputs, forcing and zero dynamics. All entries are binary
-    fractions, in mixed coordinates too: degrees are what they are, not a matter of rounding.
-    """
-    draw = random.Random(seed)
-    degrees = [draw.choice([1, 2, 3]) for _ in range(draw.choice([1, 2, 3]))]
-    m, n = len(degrees), sum(degrees) + draw.choice([0, 1, 2])
-    A, B, C = np.zeros((n, n)), np.zeros((n, m)), np.zeros((m, n))
-    entries = lambda: [draw.choice([0.0, round(draw.uniform(-1.5, 1.5) * 64) / 64]) for _ in range(n)]
-    first = 0
-    for a, r in enumerate(degrees):
-        for i in range(first, first + r - 1):
-            A[i, i + 1] = 1.0
-        A[first + r - 1] = entries()
-        B[first + r - 1] = [1.0 if b == a else draw.choice([0.0, 0.0, 0.25, -0.375]) for b in range(m)]
-        C[a, first] = 1.0
-        first += r
-    for i in range(first, n):
-        A[i] = entries()
-    upper, lower = np.eye(n), np.eye(n)
-    for i in range(n):
-        upper[i, i + 1 :] = [draw.choice([0.0, 0.0, 0.5, -0.25]) for _ in range(i + 1, n)]
-        lower[i, :i] = [draw.choice([0.0, 0.0, 0.0, 0.5]) for _ in range(i)]
-    mixed = upper @ lower
-    back = np.round(np.linalg.inv(mixed) * 2.0**24) / 2.0**24
-    assert (mixed @ back == np.eye(n)).all()
-    wave = lambda: {"offset": draw.uniform(-2, 0.5), "amplitude": draw.choice([0.0, draw.uniform(0, 2)]), "frequency": draw.uniform(0.05, 0.7), "phase": draw.uniform(0, 6)}  # fmt: skip
-    return {
-        "kind": "linear", "A": (mixed @ A @ back).tolist(), "B": (mixed @ B).tolist(), "C": (C @ back).tolist(),
-        "x0": [draw.uniform(-0.5, 1.0) for _ in range(n)], "f": [wave() for _ in range(n)],
-        "w0": [draw.choice([0.0, draw.uniform(-0.5, 0.5)]) for _ in range(m)],
-        "wmax": [draw.choice([math.inf, draw.uniform(0.2, 1.0)]) for _ in range(m)],
-    }  # fmt: skip

@@ -10,9 +10,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "app"))
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS / "app"), str(TESTS / "reference")]
 import program
-from exact_steps import Homsp, MoreauJean
+from scheme_steps import Homsp, MoreauJean
 
 # Both SNESVI types by themselves start from the last state; the ladder below them stays.
 SOLVERS = {
