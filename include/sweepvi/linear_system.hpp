@@ -83,9 +83,12 @@ struct LinearSystem {
   std::vector<PetscInt> state_order;       ///< scene number of each state this rank owns
   std::vector<PetscInt> constraint_order;  ///< scene number of each constraint this rank owns
   std::vector<OppositeRow> opposite;       ///< rows merged into this rank's constraints
-  std::vector<PetscInt> block;             ///< per owned state: the element it belongs to, kept on one rank
-  PetscInt block_count = 0;                ///< elements in all
-  std::vector<std::string> state_names;    ///< of one element's states, alike for all; may be empty
+  /// Relative degrees that the scene states, in its order, on every rank; one: for all constraints; empty:
+  /// none. They decide where numbers cannot, see RelativeDegree.
+  std::vector<int> stated_degree;
+  std::vector<PetscInt> block;           ///< per owned state: the element it belongs to, kept on one rank
+  PetscInt block_count = 0;              ///< elements in all
+  std::vector<std::string> state_names;  ///< of one element's states, alike for all; may be empty
   StateLayout layout = StateLayout::element_by_element;  ///< where the scene has them
   PetscInt edge_cut = 0;                                 ///< couplings between ranks, in element pairs
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -10,7 +11,13 @@ namespace sweepvi {
 
 /// How lambda reaches each constraint, and what follows from it.
 ///
-/// r_a = the smallest r with C_a A^{r-1} B != 0 (0 where D_a != 0). Outputs z_{a,i} = C_a A^{i-1} x +
+/// r_a = the smallest r with C_a A^{r-1} B != 0 (0 where D_a != 0). The products are formed in doubled
+/// precision with a bound of their error, from arithmetic and from rounding of the data (none for integers
+/// and short binary fractions, half an ulp otherwise). What is within its bound is zero. What is above it
+/// counts if only numbers that somebody wrote (decimals of up to nine digits) enter; where computed ones do,
+/// it counts above 1e-10 of its terms, as such data carry the rounding of what they were computed from, and
+/// what is between is taken as zero if a coupling at least 100 times as large (relative to terms) follows,
+/// and else cannot be decided. `LinearSystem::stated_degree` decides there. Outputs z_{a,i} = C_a A^{i-1} x +
 /// g_{a,i}(t) for i = 1 ... r_a. A measure of level i acts along d_{a,i} in span{B_a, A B_a, ..., A^{r_a-1}
 /// B_a} with z_{a,j}(d_{a,i}) = delta_ij for the constraint's own outputs; at level r that is B_a / M_aa.
 /// Source: AB (25)-(39) for one constraint; for many see README.md, "Many constraints".
@@ -31,10 +38,13 @@ struct RelativeDegree {
   /// coordinates with a sparse inverse; empty on all ranks if there is no such choice, or if M is not
   /// diagonal.
   std::vector<PetscInt> pivot;
-  bool has_pivots = false;       ///< on all ranks
-  double tolerance = 0.0;        ///< an entry of C_a A^{i-1} B counts above tolerance * (|C||A|^{i-1}|B|)
-  double smallest_kept = 0.0;    ///< smallest such ratio that counted: the margin above `tolerance`
-  double largest_dropped = 0.0;  ///< largest one that did not: rounding, far below `tolerance`
+  bool has_pivots = false;  ///< on all ranks
+  /// Smallest |C_a A^{r-1} B| that counted, over (|C||A|^{r-1}|B|): what was left when its terms cancelled.
+  double smallest_kept = 0.0;
+  double smallest_margin = 0.0;  ///< the same over its error bound; infinite: all of them are exact
+  double largest_dropped = 0.0;  ///< largest |C_a A^{i-1} B| over its terms that was taken as zero
+  /// Constraints with such a zero that is above its error bound: taken as rounding of computed data.
+  std::int64_t doubtful = 0;
 };
 
 /// What can be said about the leading Markov matrix M.
@@ -57,8 +67,8 @@ struct MarkovReport {
   std::string diagnosis() const;
 };
 
-/// @throws Error (bad_input) on every rank if lambda never reaches a constraint, or if D stands beside a
-/// degree above 1.
+/// @throws Error (bad_input) on every rank if lambda never reaches a constraint, if its degree can not be
+/// decided or contradicts what is stated, or if D stands beside a degree above 1.
 /// @note Collective on the system's communicator.
 RelativeDegree analyse_relative_degree(const LinearSystem& system);
 

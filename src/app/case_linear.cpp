@@ -40,6 +40,25 @@ std::string degrees_text(MPI_Comm comm, const RelativeDegree& relative_degree) {
   return text;
 }
 
+std::string decision_text(const LinearSystem& system, const RelativeDegree& degree) {
+  std::string text =
+      fmt::format("smallest |C A^(r-1) B| that counted: {:.1e} of its terms, {}", degree.smallest_kept,
+                  std::isinf(degree.smallest_margin)
+                      ? std::string("exact")
+                      : fmt::format("{:.1e} times its error bound", degree.smallest_margin));
+  text += degree.largest_dropped > 0.0
+              ? fmt::format("; largest taken as zero: {:.1e} of its terms", degree.largest_dropped)
+              : "; the others are exactly zero";
+  if (degree.doubtful > 0)
+    text += fmt::format(
+        "; for {} constraint{} that is above its error bound and taken as rounding of computed data (if it "
+        "is "
+        "a coupling, state model.relative_degree)",
+        degree.doubtful, degree.doubtful == 1 ? "" : "s");
+  if (!system.stated_degree.empty()) text += "; as stated by model.relative_degree";
+  return text;
+}
+
 /// Constraints with an upper wall, and those of them that stand for two rows of the scene.
 struct Walls {
   std::int64_t two_sided = 0, merged = 0;
@@ -135,12 +154,7 @@ Lines LinearCase::report(std::int64_t unknowns) const {
                         ? ""
                         : fmt::format(", {} of them two opposite rows of the scene", walls.merged)));
   lines.emplace_back("relative degree", degrees_text(comm, degree_));
-  if (degree_.highest > 0)
-    lines.emplace_back(
-        "  decided at",
-        fmt::format(
-            "|C A^i B| > {:.0e} |C||A|^i|B|; smallest that counted {:.1e}, largest that did not {:.1e}",
-            degree_.tolerance, degree_.smallest_kept, degree_.largest_dropped));
+  if (degree_.highest > 0) lines.emplace_back("  decided by", decision_text(system_, degree_));
   lines.emplace_back("Markov matrix", markov_.diagonal
                                           ? std::string("diagonal")
                                           : fmt::format("{} nonzeros, largest coupled group {}",

@@ -37,12 +37,13 @@ struct TimeSpec {
 /// `kind = "linear"`: x' = A x + B lambda + f, w = C x + D lambda + w0, 0 <= w <= wmax.
 /// Matrices and vectors are filled on rank 0 only; elsewhere they are empty.
 struct LinearSpec {
-  SparseEntries A, B, C;           ///< n x n, n x m, m x n
-  std::optional<SparseEntries> D;  ///< m x m
-  std::vector<Signal> f;           ///< n, or empty: no forcing
-  std::vector<double> w0;          ///< m
-  std::vector<double> wmax;        ///< m, or empty: no upper limits
-  std::vector<double> x0;          ///< n
+  SparseEntries A, B, C;             ///< n x n, n x m, m x n
+  std::optional<SparseEntries> D;    ///< m x m
+  std::vector<Signal> f;             ///< n, or empty: no forcing
+  std::vector<double> w0;            ///< m
+  std::vector<double> wmax;          ///< m, or empty: no upper limits
+  std::vector<double> x0;            ///< n
+  std::vector<int> relative_degree;  ///< m, or one for all, or empty: to be found
 };
 
 /// `kind = "lagrangian"`: M q'' + C q' + K q = f + H' lambda, 0 <= g = H q + g0, Newton restitution e.

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "io/scene_checks.hpp"
@@ -32,11 +33,33 @@ std::vector<double> read_wmax(const TomlValue& wmax, std::int64_t m) {
   return none ? std::vector<double>{} : values;
 }
 
+/// Empty if absent: to be found from the matrices.
+std::vector<int> read_relative_degree(const TomlValue& stated, std::int64_t n, std::int64_t m, bool has_D) {
+  if (!stated) return {};
+  std::vector<double> values;
+  if (stated.is_number())
+    values = {stated.number()};
+  else
+    values = stated.numbers();
+  if (values.size() != 1) expect_length(stated, values, m, "m, or one for all constraints");
+  std::vector<int> degrees;
+  for (const double value : values) {
+    if (!(value >= (has_D ? 0 : 1) && value <= static_cast<double>(n) && value == std::floor(value)))
+      stated.fail(
+          fmt::format("has the entry {}; expected the relative degree of a constraint, an integer from {} "
+                      "to n = {}",
+                      value, has_D ? 0 : 1, n));
+    degrees.push_back(static_cast<int>(value));
+  }
+  return degrees;
+}
+
 }  // namespace
 
 LinearSpec read_linear(const TomlValue& table, bool root) {
   const TomlValue A = table["A"], B = table["B"], C = table["C"], D = table["D"], f = table["f"],
-                  w0 = table["w0"], x0 = table["x0"], wmax = table["wmax"];
+                  w0 = table["w0"], x0 = table["x0"], wmax = table["wmax"],
+                  relative_degree = table["relative_degree"];
   table.refuse_unknown();
   LinearSpec model;
   if (!root) {
@@ -66,6 +89,7 @@ LinearSpec read_linear(const TomlValue& table, bool root) {
   model.x0 = x0.numbers();
   expect_length(x0, model.x0, n, "n");
   model.wmax = read_wmax(wmax, m);
+  model.relative_degree = read_relative_degree(relative_degree, n, m, static_cast<bool>(D));
   return model;
 }
 

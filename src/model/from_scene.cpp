@@ -88,6 +88,8 @@ LinearSystem from_spec(MPI_Comm comm, LinearSpec& spec) {
   const LocalRange constraint_rows = row_range(system.C.get());
   broadcast(comm, spec.f);
   system.f = Forcing::from(spec.f, rows.first, rows.last);
+  broadcast(comm, spec.relative_degree);
+  system.stated_degree = spec.relative_degree;
   system.state_order.resize(static_cast<std::size_t>(states));
   std::iota(system.state_order.begin(), system.state_order.end(), rows.first);
   system.block = system.state_order;

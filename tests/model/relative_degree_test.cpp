@@ -1,7 +1,9 @@
 // Relative degrees, Markov matrices, outputs and directions of systems whose answers are known.
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <map>
+#include <random>
 
 #include "dvi/systems.hpp"
 #include "petsc/sparse.hpp"
@@ -114,6 +116,135 @@ TEST(RelativeDegree, CancellationIsNotCoupling) {
   EXPECT_EQ(degree.lowest, 2);
   EXPECT_GT(degree.smallest_kept, 1e-2);
   EXPECT_LT(degree.largest_dropped, 1e-15);
+}
+
+/// An integrator chain of length r with two states beside it, in coordinates T x, T and its inverse integer
+/// matrices (products of elementary ones): C A^(r-1) B = 1 and C A^k B = 0 for k < r - 1, exactly, while the
+/// terms of these sums grow without limit. Every entry is divided by `unit`.
+LinearSystem hidden_integrators(PetscInt r, int mixings, unsigned seed, double unit = 1.0) {
+  const auto n = static_cast<std::size_t>(r) + 2;
+  std::vector<double> a(n * n, 0.0), b(n, 0.0), c(n, 0.0);
+  const auto chain = static_cast<std::size_t>(r);
+  for (std::size_t i = 0; i + 1 < chain; ++i)
+    a[i * n + i + 1] = 1.0;
+  a[(chain - 1) * n + chain] = 1.0;  // the zero dynamics act on the last state, and the first on them
+  a[chain * n + chain + 1] = 1.0;
+  a[(chain + 1) * n + chain] = -1.0;
+  a[(chain + 1) * n] = 1.0;
+  b[chain - 1] = c[0] = 1.0;
+  std::mt19937 random(seed);
+  for (int k = 0; k < mixings; ++k) {
+    const std::size_t i = random() % n;
+    const std::size_t j = (i + 1 + random() % (n - 1)) % n;
+    const double factor = random() % 2 == 0 ? 1.0 : -1.0;
+    for (std::size_t l = 0; l < n; ++l)
+      a[i * n + l] += factor * a[j * n + l];  // E A
+    for (std::size_t l = 0; l < n; ++l)
+      a[l * n + j] -= factor * a[l * n + i];  // A E^-1
+    b[i] += factor * b[j];
+    c[j] -= factor * c[i];
+  }
+  for (auto* data : {&a, &b, &c})
+    for (double& value : *data)
+      value /= unit;
+  return LinearSystem::dense(PETSC_COMM_WORLD, {.A = a, .B = b, .C = c, .x0 = std::vector<double>(n, 1.0)});
+}
+
+TEST(RelativeDegree, OfIntegersIsExactHoweverFarTheyCancel) {
+  double smallest = 1.0;
+  for (const PetscInt r : {1, 2, 3, 4, 5, 6}) {
+    for (unsigned seed = 1; seed <= 5; ++seed) {
+      const LinearSystem system = hidden_integrators(r, 24, seed);
+      const RelativeDegree degree = analyse_relative_degree(system);
+      EXPECT_EQ(degree.lowest, r) << "seed " << seed;
+      EXPECT_EQ(degree.smallest_margin, std::numeric_limits<double>::infinity());
+      EXPECT_EQ(degree.largest_dropped, 0.0);
+      for (const double own : degree.markov_diagonal)
+        EXPECT_EQ(own, 1.0);
+      smallest = std::min(smallest, degree.smallest_kept);
+    }
+  }
+  EXPECT_LT(smallest, 1e-10);  // else the cases would be tame
+}
+
+TEST(RelativeDegree, OfDecimalsIsDecidedByTheirRounding) {
+  // The same in tenths: no longer exact, C A^(r-1) B = 10^-(r+1), zero within half an ulp of each datum
+  // below.
+  for (const PetscInt r : {2, 3, 4}) {
+    const LinearSystem system = hidden_integrators(r, 16, 3, 10.0);
+    const RelativeDegree degree = analyse_relative_degree(system);
+    EXPECT_EQ(degree.lowest, r);
+    EXPECT_GT(degree.smallest_margin, 1.0);
+    EXPECT_LT(degree.smallest_margin, 1e17);
+  }
+}
+
+/// w = x_1 + x_2 with inputs `first` and -1, as computed numbers: C B = first - 1; the degree is 2 where that
+/// is zero, C A B = gain.
+LinearSystem nearly_cancelling(double first, double gain) {
+  return LinearSystem::dense(
+      PETSC_COMM_WORLD,
+      {.A = {0, 0, gain, 0, 0, 0, 0, 0, 0}, .B = {first, -1, 1}, .C = {1, 1, 0}, .x0 = {1, 1, 1}});
+}
+
+TEST(RelativeDegree, RoundingOfComputedDataIsNotCoupling) {
+  // 1 + 3e-13 has the look of a computed number: 1300 ulps may come from what it was computed from.
+  const double computed = 1.0 + 1351.0 * std::numeric_limits<double>::epsilon();
+  const RelativeDegree degree = analyse_relative_degree(nearly_cancelling(computed, 1.0));
+  EXPECT_EQ(degree.lowest, 2);
+  EXPECT_EQ(degree.doubtful, 1);
+  EXPECT_GT(degree.largest_dropped, 1e-13);
+  // 1 + 2^-30 is exact, and so is the coupling of 2^-30 (of 2: the ratio is below 1e-9, above 1e-10);
+  // 1 + 2^-32 counts as computed, but nothing is taken for rounding above 1e-10.
+  EXPECT_EQ(analyse_relative_degree(nearly_cancelling(1.0 + 0x1p-30, 1.0)).lowest, 1);
+  // A written decimal is known to half an ulp.
+  EXPECT_EQ(analyse_relative_degree(nearly_cancelling(1.00000001, 1.0)).lowest, 1);
+}
+
+TEST(RelativeDegree, WhatCannotBeDecidedIsAskedFor) {
+  const double computed = 1.0 + 1351.0 * std::numeric_limits<double>::epsilon();
+  // Nothing follows the doubtful coupling.
+  const auto alone = [&] { return nearly_cancelling(computed, 0.0); };
+  expect_bad_input([&] { analyse_relative_degree(alone()); },
+                   {"cannot be decided", "error bound", "relative_degree = [1]"});
+  LinearSystem system = alone();
+  system.stated_degree = {1};
+  EXPECT_EQ(analyse_relative_degree(system).lowest, 1);
+  // The other one, at degree 2, is not there, whatever is stated.
+  system.stated_degree = {2};
+  expect_bad_input([&] { analyse_relative_degree(system); }, {"stated to have degree 2", "exactly 0"});
+  // A clear coupling at 1 is not argued away.
+  LinearSystem clear = integrators(1);
+  clear.stated_degree = {1};
+  EXPECT_EQ(analyse_relative_degree(clear).lowest, 1);
+  LinearSystem double_integrator = integrators(2);
+  double_integrator.stated_degree = {1};
+  expect_bad_input([&] { analyse_relative_degree(double_integrator); },
+                   {"stated to have degree 1", "exactly 0"});
+}
+
+TEST(RelativeDegree, OneDegreeIsStatedForEachConstraintOrForAll) {
+  const double computed = 1.0 + 1351.0 * std::numeric_limits<double>::epsilon();
+  // Two of them side by side.
+  const auto pair = [&] {
+    return LinearSystem::dense(PETSC_COMM_WORLD, {.A = {0, 0, 1, 0, 0, 0,  //
+                                                        0, 0, 0, 0, 0, 0,  //
+                                                        0, 0, 0, 0, 0, 0,  //
+                                                        0, 0, 0, 0, 0, 1,  //
+                                                        0, 0, 0, 0, 0, 0,  //
+                                                        0, 0, 0, 0, 0, 0},
+                                                  .B = {computed, 0, -1, 0, 1, 0, 0, computed, 0, -1, 0, 1},
+                                                  .C = {1, 1, 0, 0, 0, 0, 0, 0, 0, 1, 1, 0},
+                                                  .x0 = {1, 1, 1, 1, 1, 1}});
+  };
+  LinearSystem system = pair();
+  system.stated_degree = {1, 2};
+  const RelativeDegree degree = analyse_relative_degree(system);
+  for (const auto& [constraint, r] : degrees(system, degree))
+    EXPECT_EQ(r, constraint + 1);
+  EXPECT_EQ(degree.doubtful, 0);  // nothing is left to doubt
+  system.stated_degree = {1};
+  EXPECT_EQ(analyse_relative_degree(system).highest, 1);
 }
 
 TEST(RelativeDegree, NamesAConstraintThatLambdaNeverReaches) {
