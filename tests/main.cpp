@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 #include <mpi.h>
 
+#include <algorithm>
 #include <cstdio>
+#include <string>
 
 #include "sweepvi/petsc.hpp"
 
@@ -22,6 +24,14 @@ private:
   int rank_;
 };
 
+/// Whether each word of the filter stands for a test at least: one that was renamed must not drop out unseen.
+bool filter_is_of_tests() {
+  const std::string all = GTEST_FLAG_GET(filter);
+  const std::string filter = all.substr(0, all.find('-'));
+  const auto words = 1 + std::count(filter.begin(), filter.end(), ':');
+  return testing::UnitTest::GetInstance()->test_to_run_count() >= words;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -34,7 +44,11 @@ int main(int argc, char** argv) {
     delete listeners.Release(listeners.default_result_printer());
     listeners.Append(new FailurePrinter(rank));
   }
-  const int mine = RUN_ALL_TESTS();
+  int mine = RUN_ALL_TESTS();
+  if (!filter_is_of_tests()) {
+    std::fprintf(stderr, "fewer tests were run than the filter has words\n");
+    mine = 1;
+  }
   int failed = 0;
   MPI_Allreduce(&mine, &failed, 1, MPI_INT, MPI_MAX, session.comm());
   if (mine != 0) std::fprintf(stderr, "rank %d: some tests failed\n", rank);

@@ -1,3 +1,4 @@
+// ranks: 1
 #include "app/command_line.hpp"
 
 #include <gtest/gtest.h>

@@ -49,7 +49,7 @@ SLOW_UNWINDER = (
 )
 
 
-def run(*words, ranks=1, cwd=None, env=None, timeout=20, out=subprocess.PIPE):
+def run(*words, ranks=1, cwd=None, env=None, timeout=60, out=subprocess.PIPE):
     """`sweepvi WORDS...`; on one rank without mpiexec. A run that hangs is an AssertionError."""
     command = [PROGRAM, *map(str, words)]
     if ranks > 1:

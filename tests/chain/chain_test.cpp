@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // Chains against their equations, written out here element by element in the order of /x: x' and w agree for
 // states and multipliers at random, as dealt out first and by METIS.
 #include <fmt/format.h>

@@ -1,3 +1,5 @@
+// ranks: 1 2 3
+// three: *.AChainIsPushedTogether:*.RanksAndOrderDoNotMatter:*.DependentFacesShareTheirMeasure
 // First-order sweeping processes against closed forms and brute force.
 // timeout: 240
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// ranks: 1 2 3
+// three: Coupled.DegreesOneToFourInBothForms
 // timeout: 240
 // Constraints of relative degrees 1, 2, 3 and 4 in one system, coupled and forced: both forms of the box VI
 // are the same step. And what distinguishes raw inputs from decoupled ones.

@@ -1,3 +1,5 @@
+// ranks: 1 2 3
+// three: MoreauJean.TouchingBallsShareOneBlow:MoreauJean.WallChainBalances:MoreauJean.ColumnOfBallsBalances
 // timeout: 240
 #include <gtest/gtest.h>
 

@@ -1,3 +1,5 @@
+// ranks: 1 2 3
+// three: NonlinearLagrangian.ALinearSystemInDisguiseMovesAsItself
 #include "sweepvi/nonlinear_lagrangian.hpp"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,5 @@
+// ranks: 1 2 3
+// three: ZdSystem.RanksDoNotMatter
 // timeout: 240
 
 #include "sweepvi/zd_system.hpp"

@@ -1,3 +1,5 @@
+// ranks: 1 2 3
+// three: Chain.*
 // timeout: 240
 
 #include <gtest/gtest.h>

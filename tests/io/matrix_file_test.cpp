@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 #include "io/matrix_fixture.hpp"
 
 // MatrixMarket files; HDF5 files are in hdf5_matrix_test.cpp.

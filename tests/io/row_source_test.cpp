@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 #include <fcntl.h>
 
 #include <fstream>

@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 #include <hdf5_hl.h>
 
 #include "io/table_fixture.hpp"

@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // Opposite rows of a scene become one constraint with two walls: which do, with which scales, and which are
 // refused.
 #include "model/opposite.hpp"

@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // Which systems have outputs from which their states follow by substitution: those that can be a box on z.
 #include <gtest/gtest.h>
 

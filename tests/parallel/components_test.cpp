@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // Connected components of distributed matrices, against those of the whole graph.
 #include "parallel/components.hpp"
 

@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // Elements are numbered for low fill within their rank, whatever order they came in; what the system means
 // stays the same.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // The default for linear systems: exact to rounding on any number of ranks, the same bits whatever was
 // factored before, and failures that every rank hears of.
 #include "petsc/direct_solver.hpp"

@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // The owners of PETSc objects: reference counts, moves, assignment over a live object, sharing.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // Sweeps over weakly coupled blocks: they end at the solution of the whole box VI, whatever the blocks' sets,
 // and remember nothing from one step to the next.
 #include <gtest/gtest.h>

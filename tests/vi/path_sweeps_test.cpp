@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // Sweeps over levels of constraints on paths: they end at the solution of the box VI of the whole step, on
 // any number of ranks, remember nothing, and know steps they do not fit.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// ranks: 1 2 3
 // Rows of blocks side by side: judged as one by one, to the same bits on every processor, and swept to the
 // solution of the whole box VI.
 #include <gtest/gtest.h>
