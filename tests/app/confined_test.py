@@ -11,7 +11,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import program
-from program_test import BALL, InFolder
+from in_folder import BALL, InFolder
 
 A_MTX = "%%MatrixMarket matrix coordinate real general\n2 2 1\n1 2 1.0\n"
 

@@ -12,7 +12,7 @@ import h5py
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import going_on
 import program
-from program_test import InFolder
+from in_folder import InFolder
 
 # r = 3, contacts that close and open, xi, forcing: all that a chain's state consists of. 1000 steps.
 CHAIN = """[time]

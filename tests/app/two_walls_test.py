@@ -10,7 +10,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import program
-from program_test import InFolder
+from in_folder import InFolder
 
 S, T = 2.5, 0.3  # row b reads -S times what row a reads; its input is -T times that of row a. S is not 1 / T, which measures scale by.
 STEPS, END = 240, 12.0
