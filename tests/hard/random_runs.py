@@ -1,12 +1,13 @@
 """Random systems (tests/reference/random_systems.py) against 60 digits: steps of HOMSP, and event-driven solutions.
 
-usage: random_runs.py steps|events SEED [--count N] [--tolerance X] [--grid N] [--ranks N] [--option=WORD]...
+usage: random_runs.py steps|events|impacts SEED [--count N] [--tolerance X] [--grid N] [--ranks N] [--option=WORD]...
 
 What is asked of a run: steps: no level of r* differs but where an output is within 1e3 roundings of deciding otherwise, and
 states are within 1e3 times what a rounding in each step makes of the exact run. events: states within 10 x tolerance x size x
 kappa, size the largest |x_i|, kappa the exact solution's own response to perturbations of tolerance x size, in the start and,
 as a force, all along; every impact and lift-off, and no other; the recorded w is C x + D lambda + w0. Systems with kappa above
-1e4, and those that such perturbations lead onto another course, are drawn again before the program sees them.
+1e4, and those that such perturbations lead onto another course, are drawn again before the program sees them. impacts: the
+same of bouncing masses.
 """
 
 import argparse
@@ -16,14 +17,14 @@ import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import suite
-from event_driven import IMPACT, KICK, LIFT_OFF, EventDriven, Grazing
+from event_driven import IMPACT, KICK, LIFT_OFF, Bouncing, EventDriven, Grazing
 from decimals import Decimal
-from linear_system import LinearSystem
-from random_systems import random_model
+from linear_system import LinearSystem, masses
+from random_systems import random_masses, random_model
 from scenes import scene
 from scheme_steps import Homsp
 from suite import Case, floats
@@ -129,9 +130,17 @@ class Course:
     jumps: list = field(default_factory=list)
 
 
-def course(system, **changes):
+def system_of(model):
+    """(system, how it is solved)"""
+    if model["kind"] == "linear":
+        return LinearSystem(**keys(model)), EventDriven
+    parts = {name: value for name, value in keys(model).items() if name != "e"}
+    return LinearSystem(**masses(**parts)), partial(Bouncing, e=model["e"])
+
+
+def course(system, solver, **changes):
     times = [Decimal(END) * k / SAMPLES for k in range(1, SAMPLES + 1)]
-    solution = EventDriven(system, **changes).run(Decimal(END), times)
+    solution = solver(system, **changes).run(Decimal(END), times)
     events, others = {}, []
     for t, a, kind in solution.events:
         if kind in (IMPACT, LIFT_OFF):
@@ -146,27 +155,25 @@ def kinds(events):
     return {a: [kind for kind, _ in own] for a, own in events.items()}
 
 
-def perturbed(model, system, exact, step, draw, count):
+def perturbed(system, solver, step, draw, count):
     """Courses of the system whose start and forces are off by `step`; the start not where it is at a wall, which is where it
     has to stay."""
     z = system.outputs(Decimal(0), system.x0)
     at_wall = any(system.side(a, z) for a, r in enumerate(system.degree) if r)
+    off = lambda size: [Decimal(step) * size * draw.choice([-1, 1]) for _ in system.x0]
     for _ in range(count):
-        signs = [draw.choice([-1, 1]) for _ in system.x0], [draw.choice([-1, 1]) for _ in system.x0]
-        other = dict(keys(model))
-        other["f"] = [{**f, "offset": Decimal(f["offset"]) + Decimal(step) * s / Decimal(END)} for f, s in zip(model["f"], signs[0])]
-        if not at_wall:
-            other["x0"] = [Decimal(v) + Decimal(step) * s for v, s in zip(model["x0"], signs[1])]
-        yield course(LinearSystem(**other))
+        push = off(1 / Decimal(END))
+        x0 = [v + d for v, d in zip(system.x0, off(0 if at_wall else 1))]
+        yield course(system.perturbed(push), solver, x0=x0)
 
 
-def answers(model, system, exact, tolerance, draw, count=3):
+def answers(system, solver, exact, tolerance, draw, count=3):
     """`exact` with its kappa; Grazing where the system is of no use for this tolerance."""
     if exact.size < 1e-3:
         raise Grazing("rests")
     step = tolerance * exact.size
     kappa, late = 1.0, 1.0
-    for other in perturbed(model, system, exact, step, draw, count):
+    for other in perturbed(system, solver, step, draw, count):
         if kinds(other.events) != kinds(exact.events):
             raise Grazing("another course")
         pairs = [(float(abs(s - t)), s, t) for a, own in exact.events.items() for (_, s), (_, t) in zip(own, other.events[a])]
@@ -183,11 +190,11 @@ def answers(model, system, exact, tolerance, draw, count=3):
     return replace(exact, step=step, kappa=kappa, late=late)
 
 
-def events_of(seed, tolerance, grid=1, perturbations=3):
+def events_of(seed, tolerance, grid=1, perturbations=3, bouncing=False):
     """(Case of the hybrid scheme on the system of this seed, its exact course); Grazing where it is of no use."""
-    model, degree = random_model(seed)
-    system = LinearSystem(**keys(model))
-    exact = answers(model, system, course(system), tolerance, random.Random(f"events {seed}"), perturbations)
+    model = random_masses(seed) if bouncing else random_model(seed)[0]
+    system, solver = system_of(model)
+    exact = answers(system, solver, course(system, solver), tolerance, random.Random(f"events {seed}"), perturbations)
     table = scene(model, END, END / SAMPLES / grid, scheme="hybrid", tolerance=tolerance)
 
     def judge(run):
@@ -201,7 +208,7 @@ def events_of(seed, tolerance, grid=1, perturbations=3):
             row = np.flatnonzero(np.abs(t - float(when)) <= 1e-12)
             error = max(error, float(np.abs(x[row[-1]] - state).max()) if row.size else math.inf)
         found = told(run)
-        verdicts = [("error over its bound", error / allowed, 1.0), *events_verdicts(exact, found, near), *consistent(run, model)]
+        verdicts = [("error over its bound", error / allowed, 1.0), *events_verdicts(exact, found, near), *consistent(run, system)]
         if "solver/error" in run.data:
             estimate = float(run["solver/error"][-1])
             run.ratio = estimate / max(error, 1e-300)
@@ -209,17 +216,17 @@ def events_of(seed, tolerance, grid=1, perturbations=3):
         run.distance = error
         return verdicts
 
-    return Case("random systems", f"seed {seed}, r = {degree}, hybrid, tolerance {tolerance:g}", table, "event-driven solution", judge), exact
+    return Case("random systems", f"seed {seed}, {'masses' if bouncing else f'r = {system.degree}'}, hybrid, tolerance {tolerance:g}", table, "event-driven solution", judge), exact
 
 
 def told(run):
     """Impacts and lift-offs of a run after its start, constraint by constraint; levels of one impact are one event."""
     found = {}
-    if "events" not in run.data:
-        return found
-    for row in run["events"]:
-        if row["t"] > 0 and (row["kind"] == 1 or row["level"] <= 1):
-            found.setdefault(int(row["constraint"]), []).append((IMPACT if row["kind"] == 0 else LIFT_OFF, float(row["t"])))
+    for row in run.data.get("events", []):
+        event = (IMPACT if row["kind"] == 0 else LIFT_OFF, float(row["t"]))
+        own = found.setdefault(int(row["constraint"]), [])
+        if row["t"] > 0 and (row["kind"] == 1 or event not in own):
+            own.append(event)
     return found
 
 
@@ -241,10 +248,10 @@ def events_verdicts(exact, found, near):
     return [("events missed", float(missed), 0), ("events invented", float(extra), 0), ("late", late, near)]
 
 
-def consistent(run, model):
+def consistent(run, system):
     """Outputs come from states: |w - (C x + w0)| at rounding, constraints without D."""
-    C, x, w0 = np.array(model["C"]), run["x"], np.array(model["w0"])
-    plain = ~np.array(model.get("D", np.zeros((len(C), len(C))))).any(axis=1)
+    C, x, w0 = floats(system.C), run["x"], np.array(system.w0, float)
+    plain = np.array(system.degree) > 0
     terms = (np.abs(x) + np.abs(x).max(axis=0)) @ np.abs(C).T + np.abs(w0)  # of a state that vanishes: what it was
     off = np.abs(run["w"] - (x @ C.T + w0)) / np.maximum(terms, 1e-300)
     return [("w - C x - w0 over terms", float(off[:, plain].max(initial=0.0)), 1e-13)]
@@ -295,7 +302,7 @@ def main(kind, seed, count, options=(), ranks=1, out=sys.stdout, **how):
     numbers = ", ".join(f"{what} {value:.2g}" for what, value in worst.items())
     if ratios:
         numbers += f", median of estimate over error {np.median(ratios):.3g}"
-    title = " ".join([kind, *(f"{key} {value:g}" for key, value in how.items()), *options])
+    title = " ".join([kind, *(f"{key} {value:g}" for key, value in how.items() if key != "bouncing"), *options])
     print(f"| {title} | seed {seed} | {count} systems | wrong {wrong}, refused {refused} | {numbers} | {time.monotonic() - begin:.0f} s |", file=out, flush=True)  # fmt: skip
     too_many = kind == "steps" and refused or refused > count // 50
     return wrong + bool(too_many) + bool(ratios and np.median(ratios) > 100)
@@ -303,7 +310,7 @@ def main(kind, seed, count, options=(), ranks=1, out=sys.stdout, **how):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("kind", choices=["steps", "events"])
+    parser.add_argument("kind", choices=["steps", "events", "impacts"])
     parser.add_argument("seed")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--tolerance", type=float, default=1e-8)
@@ -311,5 +318,5 @@ if __name__ == "__main__":
     parser.add_argument("--option", action="append", default=[], help="word handed to the program")
     parser.add_argument("--ranks", type=int, default=1)
     given = parser.parse_args()
-    how = {"tolerance": given.tolerance, "grid": given.grid} if given.kind == "events" else {}
+    how = {} if given.kind == "steps" else {"tolerance": given.tolerance, "grid": given.grid, "bouncing": given.kind == "impacts"}
     sys.exit(1 if main(given.kind, given.seed, given.count, given.option, given.ranks, **how) else 0)

@@ -94,6 +94,21 @@ class Signal:
         return values
 
 
+class Combined:
+    """sum of weights times signals."""
+
+    def __init__(self, weights, signals):
+        self.parts = [(w, s) for w, s in zip(weights, signals) if w]
+        self.amplitude = any(s.amplitude for _, s in self.parts)
+
+    def at(self, t, derivative=0):
+        return sum((w * s.at(t, derivative) for w, s in self.parts), ZERO)
+
+    def derivatives(self, t, count):
+        parts = [(w, s.derivatives(t, count)) for w, s in self.parts]
+        return [sum((w * values[k] for w, values in parts), ZERO) for k in range(count)]
+
+
 # ---------------------------------------------------------------- box VIs
 
 

@@ -356,3 +356,32 @@ class EventDriven:
         for row in reversed(X):
             x = [v * tau + c for v, c in zip(x, row)]
         return x
+
+
+class Bouncing(EventDriven):
+    """Masses with Newton's restitution: all degrees 2, and of those at their wall 0 <= p _|_ z_2+ + e z_2- >= 0; positions do
+    not jump."""
+
+    def __init__(self, system, e, **known):
+        super().__init__(system, **known)
+        self.e = [Decimal(v) for v in e]
+
+    def jump(self, z, solution):
+        system = self.system
+        used = [system.first[a] + 1 for a in range(self.m) if system.side(a, z)]
+        least = [-self.e[a] * z[system.first[a] + 1] for a in range(self.m) if system.side(a, z)]
+        matrix = [[system.cross[i][j] for j in used] for i in used]
+        moved = [z[q] - v for q, v in zip(used, least)]
+        found = next(box_solutions(matrix, moved, [(ZERO, None)] * len(used), [-1] * len(used)), None)
+        if found is None:
+            raise Grazing("a jump without solution")
+        snap = SNAP * (1 + max(map(abs, self.x)))
+        measures = {q: v if abs(v) > snap else ZERO for q, v in zip(used, found[1])}
+        after = {q: v + low for q, v, low in zip(used, found[0], least)}
+        for q, rest in zip(used, found[0]):
+            solution.margin(self.t, measures[q] or (rest if abs(rest) > snap else ZERO) or after[q])
+        self.x = [v + sum((system.directions[q][i] * p for q, p in measures.items() if p), ZERO) for i, v in enumerate(self.x)]
+        new = self.outputs()
+        for q, v in after.items():
+            new[q] = v if abs(v) > snap else ZERO
+        return new, [a for a in range(self.m) if measures.get(system.first[a] + 1)]

@@ -5,9 +5,10 @@
 Written from the formulas of README.md, "Many constraints", alone.
 """
 
+from copy import copy
 from math import factorial
 
-from decimals import INFINITY, ONE, TINY, ZERO, Decimal, Signal, dot, exact, identity, solve, times
+from decimals import INFINITY, ONE, TINY, ZERO, Combined, Decimal, Signal, dot, exact, identity, solve, times
 
 
 class LinearSystem:
@@ -18,7 +19,7 @@ class LinearSystem:
         self.A, self.B, self.C, self.x0 = exact(A), exact(B), exact(C), exact(x0)
         n, m = len(self.A), len(self.C)
         self.D = exact(D or [[0] * m] * m)
-        self.f = [Signal(s) for s in (f or [0] * n)]
+        self.f = [s if isinstance(s, (Signal, Combined)) else Signal(s) for s in (f or [0] * n)]
         self.w0 = exact(w0 or [0] * m)
         self.wmax = [None if w is None or Decimal(w) == INFINITY else Decimal(w) for w in (wmax or [None] * m)]
         self.pushes = [list(column) for column in zip(*self.B)]  # B_a
@@ -117,3 +118,24 @@ class LinearSystem:
             boxes.append((ZERO, self.wmax[a]))
             boxes += [(None, None) if i > star else (ZERO, None) if side < 0 else (None, ZERO) for i in range(2, r + 1)]
         return boxes, level
+
+    def perturbed(self, push):
+        """The same with a constant force in addition, on each state."""
+        other = copy(self)
+        other.f = [Combined([ONE, ONE], [signal, Signal(p)]) for signal, p in zip(self.f, push)]
+        return other
+
+
+def masses(M, K, H, q0, v0, Cv=None, f=None, g0=None):
+    """Keywords of a LinearSystem with states q, v: M q'' + Cv q' + K q = f + H' lambda, w = H q + g0."""
+    n = len(q0)
+    inverse = solve(exact(M), identity(n))
+    zero = [[ZERO] * n for _ in range(n)]
+    stiff, damped = times(inverse, exact(K)), times(inverse, exact(Cv)) if Cv else zero
+    A = [[*row, *one] for row, one in zip(zero, identity(n))] + [[-v for v in [*a, *b]] for a, b in zip(stiff, damped)]
+    push = times(inverse, exact([list(column) for column in zip(*H)]))
+    force = [Signal(s) for s in (f or [0] * n)]
+    return {
+        "A": A, "B": [[ZERO] * len(H) for _ in range(n)] + push,
+        "C": [[*row, *[0] * n] for row in H], "x0": [*q0, *v0], "f": [Signal(0)] * n + [Combined(row, force) for row in inverse], "w0": g0,
+    }  # fmt: skip
