@@ -85,13 +85,17 @@ void Attempt::write_ending(const Ending& ending) const {
 std::optional<Ending> Attempt::ending() const {
   const std::optional<std::string> file = read_file(folder_ / "ending.json");
   if (!file) return std::nullopt;
-  const json text = json::parse(*file);
+  const json text = json::parse(*file, nullptr, false);
   const auto number = [&](const char* key) {
     return text.at(key).is_null() ? std::optional<int>() : std::optional(text.at(key).get<int>());
   };
-  return Ending{number("code"),    number("signal"),   text.at("asked"),    text.at("late"),
-                text.at("forced"), text.at("started"), text.at("finished"), text.at("log_from"),
-                text.at("bytes"),  text.at("sha256")};
+  try {
+    return Ending{number("code"),    number("signal"),   text.at("asked"),    text.at("late"),
+                  text.at("forced"), text.at("started"), text.at("finished"), text.at("log_from"),
+                  text.at("bytes"),  text.at("sha256")};
+  } catch (const json::exception&) {  // damaged: nobody knows how it ended
+    return std::nullopt;
+  }
 }
 
 }  // namespace sweepvi::service

@@ -61,7 +61,7 @@ public:
   bool asked_to_stop() const;
 
   void write_ending(const Ending& ending) const;
-  std::optional<Ending> ending() const;
+  std::optional<Ending> ending() const;  ///< nothing if there is none that can be read
 
 private:
   std::filesystem::path folder_;

@@ -2,7 +2,7 @@
 
 #include <sqlite3.h>
 
-#include <stdexcept>
+#include <cerrno>
 
 namespace sweepvi::service {
 
@@ -61,16 +61,23 @@ bool Statement::null(int column) const {
   return sqlite3_column_type(statement_, column) == SQLITE_NULL;
 }
 
-Database::Database(const std::string& path) {
-  constexpr int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX;
+Database::Database(const std::string& path, Use use) {
+  const int flags = SQLITE_OPEN_NOMUTEX |
+                    (use == Use::look ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
   if (sqlite3_open_v2(path.c_str(), &handle_, flags, nullptr) != SQLITE_OK) {
     const std::string reason = path + ": " + sqlite3_errmsg(handle_);
     sqlite3_close(handle_);
-    throw std::runtime_error(reason);
+    throw DatabaseError(reason, false, false);
   }
-  sqlite3_busy_timeout(handle_, 10000);  // ms
-  run("PRAGMA journal_mode = WAL");
-  run("PRAGMA synchronous = FULL");
+  try {
+    sqlite3_busy_timeout(handle_, 10000);  // ms
+    if (use == Use::look) return;
+    run("PRAGMA journal_mode = WAL");
+    run("PRAGMA synchronous = FULL");
+  } catch (...) {
+    sqlite3_close(handle_);
+    throw;
+  }
 }
 
 Database::~Database() {
@@ -85,8 +92,44 @@ int Database::changes() const {
   return sqlite3_changes(handle_);
 }
 
+std::int64_t Database::number(const std::string& sql) const {
+  Statement row(*this, sql);
+  return row.step() ? row.integer(0) : 0;
+}
+
+bool Database::has_table(const std::string& name) const {
+  Statement row(*this, "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?");
+  row.with(name);
+  return row.step();
+}
+
+bool Database::has_column(const std::string& table, const std::string& column) const {
+  Statement row(*this, "SELECT 1 FROM pragma_table_info(?) WHERE name = ?");
+  row.with(table).with(column);
+  return row.step();
+}
+
+std::string Database::damage(const std::filesystem::path& path) {
+  std::error_code failure;
+  if (!std::filesystem::exists(path, failure)) return {};
+  try {
+    const Database database(path);
+    Statement row(database, "PRAGMA quick_check(1)");
+    const std::string found = row.step() ? row.text(0) : "";
+    return found == "ok" ? "" : found;
+  } catch (const DatabaseError& error) {
+    if (!error.damaged()) throw;
+    return error.what();
+  }
+}
+
 void Database::fail() const {
-  throw std::runtime_error(std::string("the queue's database: ") + sqlite3_errmsg(handle_));
+  const int code = sqlite3_errcode(handle_);
+  const int system = sqlite3_system_errno(handle_);
+  const bool no_room =
+      code == SQLITE_FULL || (code == SQLITE_IOERR && (system == ENOSPC || system == EDQUOT));
+  throw DatabaseError(std::string("the queue's database: ") + sqlite3_errmsg(handle_), no_room,
+                      code == SQLITE_NOTADB || code == SQLITE_CORRUPT);
 }
 
 Transaction::~Transaction() {

@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <optional>
+#include <stdexcept>
 #include <string>
 
 struct sqlite3;
@@ -10,6 +12,18 @@ struct sqlite3_stmt;
 namespace sweepvi::service {
 
 class Database;
+
+/// What SQLite could not do.
+class DatabaseError : public std::runtime_error {
+public:
+  DatabaseError(const std::string& message, bool no_room, bool damaged)
+      : std::runtime_error(message), no_room_(no_room), damaged_(damaged) {}
+  bool no_room() const noexcept { return no_room_; }  ///< the disk is full
+  bool damaged() const noexcept { return damaged_; }  ///< the file is no database, or not a whole one
+
+private:
+  bool no_room_, damaged_;
+};
 
 /// One SQL statement with its values, from preparation to its last row.
 class Statement {
@@ -51,8 +65,12 @@ private:
 /// An SQLite database with a write-ahead log. What is committed is on the disk. One thread at a time.
 class Database {
 public:
-  /// @throws std::runtime_error, as all that follows
-  explicit Database(const std::string& path);
+  enum class Use {
+    work,  ///< made if it is missing
+    look   ///< nothing is written; it must be there
+  };
+  /// @throws DatabaseError, as all that follows
+  explicit Database(const std::string& path, Use use = Use::work);
   ~Database();
   Database(const Database&) = delete;
   Database& operator=(const Database&) = delete;
@@ -60,6 +78,13 @@ public:
   void run(const std::string& sql) const { Statement(*this, sql).run(); }
   std::int64_t last_id() const;
   int changes() const;  ///< rows that the last statement changed
+  /// The first column of the first row; 0 if there is none.
+  std::int64_t number(const std::string& sql) const;
+  bool has_table(const std::string& name) const;
+  bool has_column(const std::string& table, const std::string& column) const;
+
+  /// What is wrong with the file, by SQLite's own check; empty if nothing is, or if it is not there.
+  static std::string damage(const std::filesystem::path& path);
 
 private:
   friend class Statement;

@@ -17,6 +17,8 @@
 #include <thread>
 #include <utility>
 
+#include "service/database.hpp"
+
 namespace sweepvi::service {
 
 namespace fs = std::filesystem;
@@ -57,8 +59,12 @@ std::string read_tail(const fs::path& path, std::size_t bytes) {
 }
 
 void write_file(const fs::path& path, const std::string& text) {
-  const auto fail = [&] { throw std::system_error(errno, std::generic_category(), path.string()); };
   const std::string temporary = path.string() + ".new";
+  const auto fail = [&] {
+    const int error = errno;
+    unlink(temporary.c_str());
+    throw std::system_error(error, std::generic_category(), path.string());
+  };
   Descriptor file(open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
   if (!file) fail();
   for (std::size_t done = 0; done < text.size();) {
@@ -69,6 +75,30 @@ void write_file(const fs::path& path, const std::string& text) {
   if (fsync(file.get()) != 0) fail();
   file.close();
   if (rename(temporary.c_str(), path.c_str()) != 0) fail();
+}
+
+void sync_folder(const fs::path& folder) {
+  const Descriptor file(open(folder.c_str(), O_RDONLY | O_CLOEXEC | O_DIRECTORY));
+  // Some file systems have nothing to do for a folder, and say so.
+  if (!file || (fsync(file.get()) != 0 && errno != EINVAL))
+    throw std::system_error(errno, std::generic_category(), folder.string());
+}
+
+void sync_below(const fs::path& folder) {
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    if (!entry.is_regular_file()) continue;
+    const Descriptor file(open(entry.path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
+    if (!file || fsync(file.get()) != 0)
+      throw std::system_error(errno, std::generic_category(), entry.path().string());
+  }
+  sync_folder(folder);
+}
+
+bool for_want_of_room(const std::exception& error) {
+  if (const auto* database = dynamic_cast<const DatabaseError*>(&error)) return database->no_room();
+  const auto* system = dynamic_cast<const std::system_error*>(&error);
+  return system != nullptr && (system->code() == std::errc::no_space_on_device ||
+                               system->code() == std::error_code(EDQUOT, std::generic_category()));
 }
 
 std::int64_t size_below(const fs::path& folder) {

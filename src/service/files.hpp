@@ -3,6 +3,7 @@
 #include <sys/types.h>
 
 #include <cstdint>
+#include <exception>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -31,6 +32,14 @@ std::string read_tail(const std::filesystem::path& path, std::size_t bytes);
 /// The file has this text or what it had before, whatever happens meanwhile.
 /// @throws std::system_error
 void write_file(const std::filesystem::path& path, const std::string& text);
+
+/// Has all files in a folder, and their names, on the disk. @throws std::system_error
+void sync_below(const std::filesystem::path& folder);
+/// The names in a folder only.
+void sync_folder(const std::filesystem::path& folder);
+
+/// Whether something failed because a disk, or a share of it, is full.
+bool for_want_of_room(const std::exception& error);
 
 /// Bytes of all files below a folder; 0 if there is none.
 std::int64_t size_below(const std::filesystem::path& folder);

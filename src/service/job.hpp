@@ -27,9 +27,13 @@ struct Request {
   std::int64_t bytes = 0;  ///< of what it keeps on the disk
 };
 
+/// Why nothing can be run by a job's `work`; empty if it can.
+std::string complaint_about(const nlohmann::json& work);
+
 /// A job as the queue knows it.
 struct Job {
   std::int64_t id = 0;
+  std::string folder;  ///< its name, see Store
   State state = State::queued;
   Request request;
   double submitted = 0.0;                   ///< as all times: seconds since 1970
@@ -41,5 +45,10 @@ struct Job {
   std::int64_t result_bytes = 0;
   std::string result_sha256;
 };
+
+/// What a job's folder says of it: enough to take it up again if the queue is lost.
+std::string notes_of(const Job& job);
+/// @param bytes  what notes_of() made, perhaps damaged since. @return nothing if it cannot be read
+std::optional<Job> job_in_notes(const std::string& bytes);
 
 }  // namespace sweepvi::service

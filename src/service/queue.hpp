@@ -3,6 +3,7 @@
 #include <functional>
 #include <map>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -11,26 +12,42 @@
 
 namespace sweepvi::service {
 
+/// Whether a row may name a job's folder so: lower-case letters, digits and dashes, 64 at most.
+bool is_folder_name(const std::string& name);
+
 /// All jobs and their states: what is not in here did not happen. Every change is one transaction; any thread
-/// may call.
+/// may call. A row that somebody has damaged is left alone and told on standard error: it stands in nobody's
+/// way.
+/// @throws DatabaseError, by all that follows
 class Queue {
 public:
-  explicit Queue(const std::string& path);
+  /// Makes the database if it is missing, and brings one of an earlier version up to date.
+  /// @param name  of a queue that is made: tells its jobs from those of others in a batch system
+  /// @throws UsageError if a later version made it, or it is not a queue
+  Queue(const std::string& path, const std::string& name);
 
-  /// Drawn when the database was made: tells this queue's jobs from those of others in a batch system.
   const std::string& name() const { return name_; }
+
+  /// The name of the queue in a file; nothing if that is no queue. Writes nothing.
+  static std::optional<std::string> name_in(const std::filesystem::path& path);
 
   struct Added {
     Job job;
     bool is_new = false;  ///< false: there was one with this key already
   };
-  /// @param place  puts the job's files where its number says; if it throws, there is no such job
+  /// @param folder  where its files are
+  /// @param prepare  called before the job is committed; if it throws, there is no such job
   /// @throws Refusal (409) if the key stands for another request; (429) if there are `most` jobs at rest or
   /// not
-  Added add(const Request& request, std::int64_t most, const std::function<void(std::int64_t id)>& place);
+  Added add(const Request& request, const std::string& folder, std::int64_t most,
+            const std::function<void(const Job& job)>& prepare);
   /// The job that came with this key, if that was the same request. @throws Refusal (409) if it was another
   std::optional<Job> with_key(const std::string& key, const std::string& digest) const;
+  /// Takes up a job that was in a queue that is lost: it waits, or it is whatever became of its last attempt.
+  /// False if its number or its key is in use.
+  bool restore(const Job& job);
 
+  /// @throws Refusal (500) if its row is damaged
   std::optional<Job> find(std::int64_t id) const;
   /// Newest first. @param before  only jobs with smaller numbers; 0: all
   std::vector<Job> list(std::optional<State> state, std::int64_t before, std::int64_t most) const;
@@ -40,7 +57,12 @@ public:
   std::map<State, std::int64_t> counts() const;
   /// Bytes of all jobs that are at rest or wait.
   std::int64_t bytes_kept() const;
-  std::vector<std::int64_t> ids() const;
+  struct Owner {
+    std::int64_t id = 0;
+    bool damaged = false;  ///< its row is
+  };
+  /// Whose each folder is.
+  std::map<std::string, Owner> owners() const;
 
   /// queued -> running, as its next attempt. False if it is not queued any more.
   bool start(std::int64_t id);
@@ -63,15 +85,23 @@ public:
   Job ask_to_stop(std::int64_t id);
   /// at rest -> queued, with changes to its work. @throws Refusal (404, 409)
   Job resume(std::int64_t id, const nlohmann::json& work);
-  /// Forgets a job at rest. @throws Refusal (404, 409)
+  /// Forgets a job at rest, or one whose row is damaged. @throws Refusal (404, 409)
   void remove(std::int64_t id);
+  /// Of any row, damaged or not; empty if that names none. @throws Refusal (404)
+  std::string folder_of(std::int64_t id) const;
+  /// Says why a job waits.
+  void say(std::int64_t id, const std::string& message);
 
 private:
+  void migrate();
+  std::optional<Job> read(const Statement& row) const;
+  std::vector<Job> read_all(Statement& rows) const;
   Job job_or_refuse(std::int64_t id) const;
 
   mutable std::mutex mutex_;
   Database database_;
   std::string name_;
+  mutable std::set<std::int64_t> damaged_;  // those that were told
 };
 
 }  // namespace sweepvi::service

@@ -39,6 +39,18 @@ std::int64_t parameter(const Asked& request, const char* name, std::int64_t othe
   return number;
 }
 
+/// Of the job in a path.
+std::int64_t number_of(const Asked& request) {
+  return std::stoll(request.matches[1]);
+}
+
+/// Anything but bad input: its limits of memory and time, or something is wrong with this machine.
+void answer_refused(Response& response, const Checked& checked) {
+  constexpr int bad_input = 2;
+  answer(response, checked.exit == bad_input || checked.exit < 0 ? 400 : 500,
+         {{"error", checked.text}, {"exit", checked.exit}});
+}
+
 void replace_all(std::string& text, const std::string& from, const std::string& to) {
   for (std::size_t at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
     text.replace(at, from.size(), to);
@@ -47,14 +59,23 @@ void replace_all(std::string& text, const std::string& from, const std::string& 
 /// A folder that is removed unless it was kept.
 class Incoming {
 public:
-  explicit Incoming(const Store& store) : folder_(store.receive()) {}
-  ~Incoming() { Store::discard(folder_); }
+  explicit Incoming(const Store& store) : store_(store), name_(store.receive()) {}
+  ~Incoming() {
+    if (!kept_) store_.discard(name_);
+  }
   Incoming(const Incoming&) = delete;
   Incoming& operator=(const Incoming&) = delete;
-  const std::filesystem::path& folder() const { return folder_; }
+  const std::string& name() const { return name_; }
+  std::filesystem::path folder() const { return store_.folder(name_); }
+  void keep() {
+    kept_ = true;
+    store_.promise(name_);
+  }
 
 private:
-  std::filesystem::path folder_;
+  const Store& store_;
+  std::string name_;
+  bool kept_ = false;
 };
 
 /// Counts those who are somewhere.
@@ -97,14 +118,14 @@ void Service::set_routes() {
 }
 
 Job Service::job_of(const Asked& request) const {
-  const std::int64_t id = std::stoll(request.matches[1]);
+  const std::int64_t id = number_of(request);
   std::optional<Job> job = queue_.find(id);
   if (!job) throw Refusal(404, fmt::format("there is no job {}", id));
   return std::move(*job);
 }
 
 void Service::check_room(std::int64_t more) const {
-  if (queue_.bytes_kept() + more > settings_.disk)
+  if (queue_.bytes_kept() + scheduler_->running_bytes() + more > settings_.disk)
     throw Refusal(507, fmt::format("all jobs together may keep {} bytes; delete some first", settings_.disk));
 }
 
@@ -159,40 +180,40 @@ sweepvi::service::Request Service::receive(const Asked& request, const Reader& r
   return submission.finish(request.get_header_value("Idempotency-Key"));
 }
 
+Checked Service::check(const sweepvi::service::Request& wanted, const std::filesystem::path& folder) {
+  struct Turn {
+    explicit Turn(std::counting_semaphore<>& checks) : checks_(checks) { checks_.acquire(); }
+    ~Turn() { checks_.release(); }
+    Turn(const Turn&) = delete;
+    Turn& operator=(const Turn&) = delete;
+    std::counting_semaphore<>& checks_;
+  };
+  const Turn turn(checks_);
+  Checked checked = check_work(wanted.work, folder, settings_);
+  replace_all(checked.text, scene_file, wanted.title);
+  return checked;
+}
+
 void Service::post_job(const Asked& request, Response& response, const Reader& reader) {
   // Most of them wait for a check: some threads are for others.
   const Counted counted(submitters_);
   if (submitters_ > settings_.threads / 2) throw Refusal(503, "too many hand in jobs at once; try again");
   check_room(0);
-  const Incoming incoming(store_);
+  Incoming incoming(store_);
   sweepvi::service::Request wanted = receive(request, reader, incoming.folder());
   const auto tell = [&](const Job& job, int status) {
     response.set_header("Location", fmt::format("/v1/jobs/{}", job.id));
-    answer(response, status, represent(job, store_.job(job.id)));
+    answer(response, status, represent(job, store_.job(job)));
   };
   if (const std::optional<Job> known = queue_.with_key(wanted.key, wanted.digest)) return tell(*known, 200);
   check_room(wanted.bytes);
 
-  checks_.acquire();
-  Checked checked;
-  try {
-    checked = check_work(wanted.work, incoming.folder(), settings_);
-  } catch (...) {
-    checks_.release();
-    throw;
-  }
-  checks_.release();
-  replace_all(checked.text, scene_file, wanted.title);
-  if (!checked.good) {
-    // Anything but bad input: its limits of memory and time, or something is wrong with this machine.
-    constexpr int bad_input = 2;
-    answer(response, checked.exit == bad_input || checked.exit < 0 ? 400 : 500,
-           {{"error", checked.text}, {"exit", checked.exit}});
-    return;
-  }
+  const Checked checked = check(wanted, incoming.folder());
+  if (!checked.good) return answer_refused(response, checked);
   wanted.report = checked.text;
   const Queue::Added added =
-      queue_.add(wanted, settings_.jobs, [&](std::int64_t id) { store_.keep(incoming.folder(), id); });
+      queue_.add(wanted, incoming.name(), settings_.jobs, [&](const Job& job) { store_.note(job); });
+  if (added.is_new) incoming.keep();
   scheduler_->wake();
   tell(added.job, added.is_new ? 201 : 200);
 }
@@ -218,7 +239,7 @@ void Service::list_jobs(const Asked& request, Response& response) {
 
 void Service::get_job(const Asked& request, Response& response) {
   const Job job = job_of(request);
-  answer(response, 200, represent(job, store_.job(job.id)));
+  answer(response, 200, represent(job, store_.job(job)));
 }
 
 void Service::get_events(const Asked& request, Response& response) {
@@ -232,7 +253,7 @@ void Service::get_events(const Asked& request, Response& response) {
     throw Refusal(503, "too many listen to events already; ask for /v1/jobs/ID now and then");
   }
   const auto events =
-      std::make_shared<Events>(queue_, store_.job(job.id), job.id, number ? std::stoll(last) : 0);
+      std::make_shared<Events>(queue_, store_.job(job), job.id, number ? std::stoll(last) : 0);
   response.set_header("Cache-Control", "no-store");
   response.set_chunked_content_provider(
       "text/event-stream",
@@ -249,15 +270,20 @@ void Service::get_events(const Asked& request, Response& response) {
 void Service::cancel(const Asked& request, Response& response) {
   const Job job = queue_.ask_to_stop(job_of(request).id);
   scheduler_->wake();
-  answer(response, 202, represent(job, store_.job(job.id)));
+  answer(response, 202, represent(job, store_.job(job)));
 }
 
+// What a job is given on its way is checked as it was at first: it could not get rid of it again.
 void Service::resume(const Asked& request, Response& response) {
   Job job = job_of(request);
-  change_work(request.body, job.request.work, settings_);
+  if (change_work(request.body, job.request.work, settings_) && at_rest(job.state) &&
+      job.state != State::done) {
+    const Checked checked = check(job.request, store_.job(job));
+    if (!checked.good) return answer_refused(response, checked);
+  }
   job = queue_.resume(job.id, job.request.work);
   scheduler_->wake();
-  answer(response, 202, represent(job, store_.job(job.id)));
+  answer(response, 202, represent(job, store_.job(job)));
 }
 
 void Service::get_result(const Asked& request, Response& response) {
@@ -266,7 +292,7 @@ void Service::get_result(const Asked& request, Response& response) {
     throw Refusal(404, fmt::format("job {} is {} and has no result", job.id, name_of(job.state)));
   const std::string file = result_file(job);
   response.set_header("Content-Disposition", fmt::format("attachment; filename=\"job-{}-{}\"", job.id, file));
-  send_file(request, response, store_.job(job.id) / file,
+  send_file(request, response, store_.job(job) / file,
             file.ends_with(".csv") ? "text/csv" : "application/x-hdf5", job.result_sha256);
 }
 
@@ -275,7 +301,7 @@ void Service::get_picture(const Asked& request, Response& response) {
   if (settings_.plot.empty()) throw Refusal(404, "scripts/plot is not beside the daemon");
   if (job.result_sha256.empty() || job.request.work.at("verb") == "solve")
     throw Refusal(404, fmt::format("job {} has nothing to draw", job.id));
-  const std::filesystem::path folder = store_.job(job.id);
+  const std::filesystem::path folder = store_.job(job);
   const std::string picture = "picture-" + job.result_sha256.substr(0, 16) + ".png";
   {
     const std::lock_guard lock(drawing_);
@@ -293,13 +319,20 @@ void Service::get_picture(const Asked& request, Response& response) {
 void Service::get_log(const Asked& request, Response& response) {
   constexpr std::size_t most = 1U << 20U;
   const Job job = job_of(request);
-  response.set_content(read_tail(store_.job(job.id) / log_file, most), "text/plain; charset=utf-8");
+  response.set_content(read_tail(store_.job(job) / log_file, most), "text/plain; charset=utf-8");
 }
 
 void Service::remove(const Asked& request, Response& response) {
-  const Job job = job_of(request);
-  queue_.remove(job.id);
-  store_.remove(job.id);
+  const std::int64_t id = number_of(request);
+  const std::string folder = queue_.folder_of(id);
+  if (!folder.empty()) store_.take_back(folder);
+  try {
+    queue_.remove(id);
+  } catch (...) {
+    if (!folder.empty()) store_.promise(folder);
+    throw;
+  }
+  if (!folder.empty()) store_.discard(folder);
   response.status = 204;
 }
 

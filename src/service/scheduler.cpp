@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdio>
 
+#include "io/printable.hpp"
 #include "service/work.hpp"
 
 namespace sweepvi::service {
@@ -12,7 +13,7 @@ namespace sweepvi::service {
 namespace {
 constexpr auto interval = std::chrono::milliseconds(100);
 constexpr auto after_trouble = std::chrono::milliseconds(2000);
-constexpr double disk_interval = 2.0;  // s
+constexpr double disk_interval = 0.5;  // s
 }  // namespace
 
 Scheduler::Scheduler(Queue& queue, const Store& store, const Settings& settings, Launcher& launcher)
@@ -41,12 +42,14 @@ void Scheduler::work() {
   while (true) {
     auto pause = interval;
     try {
-      for (const Job& job : queue_.running())
-        look_at(job);
-      if (ticks() - measured_ > disk_interval) measured_ = ticks();
+      look_at_all();
+      if (ticks() - measured_ > disk_interval) {
+        measured_ = ticks();
+        measure_disk();
+      }
       start_next();
     } catch (const std::exception& error) {  // a full disk, say; it may have room again
-      std::fprintf(stderr, "sweepvi-serve: %s\n", error.what());
+      fmt::print(stderr, "sweepvi-serve: {}\n", printable(error.what()));
       pause = after_trouble;
     }
     std::unique_lock lock(mutex_);
@@ -56,8 +59,22 @@ void Scheduler::work() {
   }
 }
 
+void Scheduler::look_at_all() {
+  for (const Job& job : queue_.running()) {
+    try {
+      look_at(job);
+      troubled_.erase(job.id);
+    } catch (const std::exception& error) {
+      if (troubled_.insert(job.id).second)
+        fmt::print(stderr, "sweepvi-serve: job {}: {}\n", job.id, printable(error.what()));
+    }
+  }
+}
+
 void Scheduler::look_at(const Job& job) {
-  const Attempt attempt = store_.attempt(job.id, job.attempt);
+  if (!std::filesystem::is_directory(store_.job(job)))
+    return give_up(job, State::failed, "its folder is gone from the daemon's data");
+  const Attempt attempt = store_.attempt(job, job.attempt);
   if (job.stop_asked && told_to_stop_.insert(job.id).second) {
     attempt.ask_to_stop();
     launcher_.stop(attempt, job);
@@ -65,7 +82,6 @@ void Scheduler::look_at(const Job& job) {
   const Whereabouts found = launcher_.poll(attempt, job);
   switch (found.kind) {
     case Whereabouts::Kind::under_way:
-      if (ticks() - measured_ > disk_interval) watch_disk(job);
       return;
     case Whereabouts::Kind::ended:
       conclude(job, attempt.ending().value_or(Ending()));
@@ -76,7 +92,7 @@ void Scheduler::look_at(const Job& job) {
       give_up(job, State::interrupted,
               fmt::format("its processes are gone without a word{}; resume goes on from {}",
                           found.reason.empty() ? "" : " (" + found.reason + ")",
-                          has_checkpoint(store_.job(job.id)) ? "its last checkpoint" : "the start"));
+                          has_checkpoint(store_.job(job)) ? "its last checkpoint" : "the start"));
       break;
     case Whereabouts::Kind::never_began:
       if (found.reason.empty())
@@ -90,25 +106,47 @@ void Scheduler::look_at(const Job& job) {
 }
 
 void Scheduler::conclude(const Job& job, const Ending& ending) {
-  Judgement judgement = judge(ending, job.stop_asked, store_.job(job.id));
-  if (too_large_.contains(job.id) && judgement.state != State::done)
-    judgement = {State::failed,
-                 fmt::format("stopped: it takes more than {} bytes of disk", settings_.job_disk)};
+  Judgement judgement = judge(ending, job.stop_asked, store_.job(job));
+  const auto large = too_large_.find(job.id);
+  if (large != too_large_.end() && judgement.state != State::done) judgement = {State::failed, large->second};
   queue_.finish(job.id, job.attempt,
                 {judgement.state, ending.code, ending.signal, judgement.message, ending.finished,
-                 ending.bytes, ending.sha256, size_below(store_.job(job.id))});
+                 ending.bytes, ending.sha256, size_below(store_.job(job))});
 }
 
 void Scheduler::give_up(const Job& job, State state, const std::string& message) {
-  queue_.finish(job.id, job.attempt, {state, {}, {}, message, now(), 0, {}, size_below(store_.job(job.id))});
+  queue_.finish(job.id, job.attempt, {state, {}, {}, message, now(), 0, {}, size_below(store_.job(job))});
 }
 
-// No file of it may be larger than that (see Order), and neither may all together.
-void Scheduler::watch_disk(const Job& job) {
-  if (size_below(store_.job(job.id)) <= settings_.job_disk || !too_large_.insert(job.id).second) return;
-  const Attempt attempt = store_.attempt(job.id, job.attempt);
+// No file of a job may be larger than its share (see Order), and neither may all together. Where all jobs
+// together are too large, the one that was started last has to go.
+void Scheduler::measure_disk() {
+  std::int64_t all = 0;
+  std::optional<Job> last;
+  for (Job& job : queue_.running()) {
+    const std::int64_t bytes = size_below(store_.job(job));
+    all += bytes;
+    if (bytes > settings_.job_disk)
+      stop_for_room(job, fmt::format("stopped: it takes more than {} bytes of disk", settings_.job_disk));
+    if (!last || job.started.value_or(0.0) >= last->started.value_or(0.0)) last = std::move(job);
+  }
+  running_bytes_ = all;
+  if (last && room_left() < 0)
+    stop_for_room(*last,
+                  fmt::format("stopped: all jobs together take more than {} bytes of disk; delete some, "
+                              "then resume it",
+                              settings_.disk));
+}
+
+void Scheduler::stop_for_room(const Job& job, const std::string& reason) {
+  if (!too_large_.emplace(job.id, reason).second) return;
+  const Attempt attempt = store_.attempt(job, job.attempt);
   attempt.ask_to_stop();
   launcher_.stop(attempt, job);
+}
+
+std::int64_t Scheduler::room_left() const {
+  return settings_.disk - queue_.bytes_kept() - running_bytes_;
 }
 
 void Scheduler::start_next() {
@@ -118,6 +156,11 @@ void Scheduler::start_next() {
   // Strictly in order: a large job at the front is not overtaken for ever by small ones.
   for (std::optional<Job> job = queue_.next();
        job && (busy == 0 || busy + job->request.ranks <= settings_.cores); job = queue_.next()) {
+    if (room_left() <= 0) {
+      queue_.say(job->id, fmt::format("waits for room: all jobs together take {} bytes of disk; delete some",
+                                      settings_.disk));
+      return;
+    }
     busy += job->request.ranks;
     start(std::move(*job));
   }
@@ -125,17 +168,20 @@ void Scheduler::start_next() {
 
 // First the queue says that it runs, then it does: whoever is killed in between, it is not started twice.
 void Scheduler::start(Job job) {
+  const std::int64_t room = room_left();
   if (!queue_.start(job.id)) return;
   ++job.attempt;
-  const Attempt attempt = store_.attempt(job.id, job.attempt);
+  running_bytes_ += job.request.bytes;  // until it is measured
+  const Attempt attempt = store_.attempt(job, job.attempt);
   try {
     std::filesystem::create_directory(attempt.folder());
-    std::filesystem::remove(store_.job(job.id) / summary_file);  // of the attempt before
-    attempt.write_order(order_for(job, store_.job(job.id), settings_));
+    std::filesystem::remove(store_.job(job) / summary_file);  // of the attempt before
+    attempt.write_order(order_for(job, store_.job(job), settings_, room));
     launcher_.launch(attempt, job);
   } catch (const std::exception& error) {
+    const std::string reason = error.what();
     attempt.claim();  // if it was handed over all the same, it shall not begin now
-    give_up(job, State::failed, fmt::format("it could not be started: {}", error.what()));
+    give_up(job, State::failed, fmt::format("it could not be started: {}", reason));
   }
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
+#include <map>
 #include <mutex>
 #include <set>
 #include <thread>
@@ -11,7 +13,8 @@
 
 namespace sweepvi::service {
 
-/// Starts what waits while there are cores for it, and notes what has ended. It has a thread of its own.
+/// Starts what waits while there are cores and room on the disk for it, and notes what has ended. It has a
+/// thread of its own. What is wrong with one job keeps no other from going on.
 class Scheduler {
 public:
   Scheduler(Queue& queue, const Store& store, const Settings& settings, Launcher& launcher);
@@ -21,13 +24,18 @@ public:
 
   /// Something has changed: look now.
   void wake();
+  /// Bytes of all jobs that run, as they were measured last.
+  std::int64_t running_bytes() const { return running_bytes_; }
 
 private:
   void work();
+  void look_at_all();
   void look_at(const Job& job);
   void conclude(const Job& job, const Ending& ending);
   void give_up(const Job& job, State state, const std::string& message);
-  void watch_disk(const Job& job);
+  void measure_disk();
+  void stop_for_room(const Job& job, const std::string& reason);
+  std::int64_t room_left() const;
   void start_next();
   void start(Job job);
 
@@ -35,7 +43,10 @@ private:
   const Store& store_;
   const Settings& settings_;
   Launcher& launcher_;
-  std::set<std::int64_t> told_to_stop_, too_large_;
+  std::set<std::int64_t> told_to_stop_;
+  std::map<std::int64_t, std::string> too_large_;  // stopped for it, and why
+  std::set<std::int64_t> troubled_;                // what went wrong with them was told
+  std::atomic<std::int64_t> running_bytes_ = 0;
   double measured_ = 0.0;
 
   std::mutex mutex_;

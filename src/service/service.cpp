@@ -9,12 +9,15 @@
 #include <stdexcept>
 #include <thread>
 
+#include "io/printable.hpp"
 #include "service/refusal.hpp"
 #include "service/representation.hpp"
 
 namespace sweepvi::service {
 
 namespace {
+
+constexpr int spare_threads = 4;  // for who neither hands in a job nor listens to one
 
 int processors() {
   return static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
@@ -43,15 +46,13 @@ void refuse(httplib::Response& response, int status, const std::string& message)
 Service::Service(const Settings& settings)
     : settings_(settings),
       store_(settings.data),
-      queue_(store_.queue()),
+      queue_(sound_queue(store_).string(), store_.queue_name()),
       access_(settings),
       launcher_(make_launcher(settings_, queue_.name())),
       checks_(processors()),
-      server_(limits_of(settings)) {
-  store_.clean(queue_.ids());
+      server_(limits_of(settings), static_cast<std::size_t>(settings.threads + spare_threads)) {
+  take_up(store_, queue_);
   scheduler_ = std::make_unique<Scheduler>(queue_, store_, settings_, *launcher_);
-  const auto threads = static_cast<std::size_t>(settings_.threads);
-  server_.new_task_queue = [threads] { return new httplib::ThreadPool(threads); };
   server_.set_keep_alive_max_count(1000);
   server_.set_payload_max_length(static_cast<std::size_t>(settings_.body));
   server_.set_tcp_nodelay(!settings_.on_socket());
@@ -84,7 +85,8 @@ void Service::set_answers() {
         } catch (const Refusal& refusal) {
           refuse(response, refusal.status(), refusal.what());
         } catch (const std::exception& error) {
-          std::fprintf(stderr, "sweepvi-serve: %s\n", error.what());
+          std::fprintf(stderr, "sweepvi-serve: %s\n", printable(error.what()).c_str());
+          if (for_want_of_room(error)) return refuse(response, 507, "there is no room on the disk");
           refuse(response, 500, "internal error; the daemon's log says more");
         }
       });
@@ -108,6 +110,12 @@ void Service::listen() {
                  "put a proxy with TLS in front of it\n",
                  settings_.listen.c_str());
   std::string where = settings_.listen;
+  int socket = -1;
+  server_.set_socket_options([&socket](int own) {
+    socket = own;
+    const int yes = 1;  // not for two daemons at once, as cpp-httplib would have it
+    setsockopt(own, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+  });
   if (settings_.on_socket()) {
     const std::string path = settings_.listen.substr(5);
     // Of an earlier daemon; the lock of --data says that it is gone.
@@ -125,6 +133,7 @@ void Service::listen() {
     if (port < 0) throw std::runtime_error(settings_.listen + ": cannot listen there; is the port taken?");
     where = fmt::format("http://{}:{}", settings_.listen.substr(0, settings_.listen.rfind(':')), port);
   }
+  ::listen(socket, SOMAXCONN);  // cpp-httplib lets five wait to be taken, and the system drops the sixth
   fmt::print("{}: {}; everything is kept in {}\n", where, launcher_->describe(), settings_.data.string());
   std::fflush(stdout);
   server_.listen_after_bind();

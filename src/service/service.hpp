@@ -12,6 +12,7 @@
 #include "service/scheduler.hpp"
 #include "service/settings.hpp"
 #include "service/store.hpp"
+#include "service/work.hpp"
 
 namespace sweepvi::service {
 
@@ -46,6 +47,8 @@ private:
   Job job_of(const httplib::Request& request) const;
   Request receive(const httplib::Request& request, const Reader& reader, const std::filesystem::path& folder);
   void check_room(std::int64_t more) const;
+  /// `sweepvi check`, when it is this job's turn.
+  Checked check(const Request& wanted, const std::filesystem::path& folder);
 
   Settings settings_;
   Store store_;

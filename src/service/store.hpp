@@ -7,41 +7,70 @@
 
 #include "service/attempt.hpp"
 #include "service/files.hpp"
+#include "service/job.hpp"
 
 namespace sweepvi::service {
 
 /// Where everything is kept:
 ///
-///     FOLDER/queue.db          the queue
-///     FOLDER/lock              held by the daemon that works here
-///     FOLDER/incoming/RANDOM/  what somebody is handing in
-///     FOLDER/jobs/ID/          a job: its scene, matrices, log, result and attempts
+///     FOLDER/sweepvi-data     says that the folder is ours; nothing is touched in one that has none
+///     FOLDER/queue.db         the queue
+///     FOLDER/lock             held by the daemon that works here
+///     FOLDER/jobs/RANDOM/     a job: its notes, scene, matrices, log, result and attempts
+///     FOLDER/quarantine/      what belongs to no job; nothing ever deletes it
+///
+/// A job's folder begins with a file `unfinished`. Whether there is a job is decided by the queue alone: the
+/// mark goes once its row is committed, and comes back before its row is removed. So a folder that has no row
+/// was promised to nobody if it has the mark, and is removed; without it something was lost, and it is kept.
 ///
 /// No name that a client sends becomes part of a path.
 class Store {
 public:
-  /// Makes what is missing, for this user only.
-  /// @throws UsageError if another daemon works there
+  /// Makes an empty folder or none into ours, and takes one that is ours.
+  /// @throws UsageError, with nothing changed, if it is somebody else's, or another daemon works there
   explicit Store(std::filesystem::path folder);
 
+  /// Of a queue that is made here, see Queue.
+  const std::string& queue_name() const { return queue_name_; }
   std::filesystem::path queue() const { return folder_ / "queue.db"; }
-  std::filesystem::path job(std::int64_t id) const { return folder_ / "jobs" / std::to_string(id); }
-  Attempt attempt(std::int64_t id, int number) const {
-    return Attempt(job(id) / ("attempt-" + std::to_string(number)));
+  std::filesystem::path folder(const std::string& name) const { return folder_ / "jobs" / name; }
+  std::filesystem::path job(const Job& job) const { return folder(job.folder); }
+  Attempt attempt(const Job& job, int number) const {
+    return Attempt(this->job(job) / ("attempt-" + std::to_string(number)));
   }
 
-  /// An empty folder for what comes in.
-  std::filesystem::path receive() const;
-  /// Makes it the folder of a job.
-  void keep(const std::filesystem::path& incoming, std::int64_t id) const;
-  void remove(std::int64_t id) const;
-  static void discard(const std::filesystem::path& incoming) noexcept;
-  /// Removes what no job belongs to: a daemon was killed while it came in.
-  void clean(const std::vector<std::int64_t>& ids) const;
+  /// A folder for what comes in, with the mark. @return its name
+  std::string receive() const;
+  /// Puts a job's notes into its folder, and all that is there onto the disk.
+  void note(const Job& job) const;
+  /// Takes the mark away: there is such a job.
+  void promise(const std::string& name) const noexcept;
+  /// Puts the mark back, if the disk has room for it.
+  void take_back(const std::string& name) const noexcept;
+  bool promised(const std::string& name) const;
+  /// Deletes a folder that no job has.
+  void discard(const std::string& name) const noexcept;
+
+  /// Names of all that is in jobs/.
+  std::vector<std::string> names() const;
+  /// Moves something out of our way. @return where it is now
+  std::filesystem::path set_aside(const std::filesystem::path& path) const;
 
 private:
+  void adopt();
+
   std::filesystem::path folder_;
+  std::string queue_name_;
   Descriptor lock_;
 };
+
+class Queue;
+
+/// Compares queue and folders: jobs that only a folder knows of come back, what nobody was promised is
+/// removed, and what cannot be explained is set aside. Tells what it finds on standard error.
+void take_up(const Store& store, Queue& queue);
+
+/// The queue's file, after it was set aside if it is damaged: then take_up() brings its jobs back.
+std::filesystem::path sound_queue(const Store& store);
 
 }  // namespace sweepvi::service

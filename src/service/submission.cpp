@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 
 #include "app/allowed_options.hpp"
+#include "io/printable.hpp"
 #include "service/description.hpp"
 #include "service/files.hpp"
 #include "service/refusal.hpp"
@@ -25,24 +27,61 @@ constexpr int highest_priority = 1000;
 
 // A name is never used as a path; but people read it.
 void check_name(const std::string& name) {
-  const bool printable =
-      std::none_of(name.begin(), name.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; });
-  if (name.empty() || name.size() > longest_name || !printable)
+  if (name.empty() || name.size() > longest_name || printable(name) != name)
     Description::refuse("a file needs a name of 1 to 255 characters that can be printed");
 }
 
+bool is_option_name(const std::string& word) {
+  return word.size() > 1 && word[0] == '-' && std::isalpha(static_cast<unsigned char>(word[1])) != 0;
+}
+
+/// The words of each option, by its name in the order in which they came; a later one stands for an earlier
+/// one.
+std::vector<std::vector<std::string>> by_option(const std::vector<std::string>& words) {
+  std::vector<std::vector<std::string>> options;
+  for (std::size_t i = 0; i < words.size(); ++i) {
+    std::vector<std::string> option = {words[i]};
+    if (i + 1 < words.size() && !is_option_name(words[i + 1])) option.push_back(words[++i]);
+    std::erase_if(options, [&](const auto& earlier) { return earlier[0] == option[0]; });
+    options.push_back(std::move(option));
+  }
+  return options;
+}
+
+std::string key_of(const std::string& change) {
+  std::string key = change.substr(0, change.find('='));
+  std::erase_if(key, [](unsigned char c) { return std::isspace(c) != 0; });
+  return key;
+}
+
+// Resumed again and again a job keeps one value for each key and each option, or its words would in the end
+// be more than a system starts a program with.
 void take_options(const Description& given, json& work) {
-  std::vector<std::string> options = given.words("options");
-  if (const std::string refused = app::why_refused(options); !refused.empty()) Description::refuse(refused);
+  constexpr std::size_t most = 200;
+  constexpr std::size_t most_bytes = std::size_t{256} << 10;
+  const std::vector<std::string> added = given.words("options");
+  if (const std::string refused = app::why_refused(added); !refused.empty()) Description::refuse(refused);
+  std::vector<std::string> changes = work.at("set");
   for (const std::string& change : given.words("set")) {
     const std::size_t equals = change.find('=');
     if (equals == std::string::npos || equals == 0)
-      Description::refuse("'set' has '" + change.substr(0, 40) +
+      Description::refuse("'set' has '" + printable(change.substr(0, 40)) +
                           "'; expected key=value, as in time.step=1e-3");
-    work["set"].push_back(change);
+    std::erase_if(changes, [&](const std::string& earlier) { return key_of(earlier) == key_of(change); });
+    changes.push_back(change);
   }
-  for (std::string& word : options)
-    work["options"].push_back(std::move(word));
+  std::vector<std::string> words = work.at("options");
+  words.insert(words.end(), added.begin(), added.end());
+  const std::vector<std::vector<std::string>> options = by_option(words);
+  if (changes.size() > most || options.size() > most)
+    Description::refuse(fmt::format("more than {} keys are set, or more than {} options", most, most));
+  work["set"] = changes;
+  work["options"] = json::array();
+  for (const std::vector<std::string>& option : options)
+    for (const std::string& word : option)
+      work["options"].push_back(word);
+  if (work["set"].dump().size() + work["options"].dump().size() > most_bytes)
+    Description::refuse(fmt::format("'set' and 'options' have more than {} bytes together", most_bytes));
 }
 
 void take_limits(const Description& given, json& work, const Settings& settings) {
@@ -158,12 +197,15 @@ Request Submission::finish(const std::string& key) {
   return request;
 }
 
-void change_work(const std::string& body, json& work, const Settings& settings) {
-  if (body.empty()) return;
+bool change_work(const std::string& body, json& work, const Settings& settings) {
+  if (body.empty()) return false;
   const Description given(body);
-  given.refuse_others({"options", "set", "wall_limit", "memory"});
+  std::set<std::string> keys = {"options", "wall_limit", "memory"};
+  if (work.at("verb") != "solve") keys.insert("set");
+  given.refuse_others(keys);
   take_options(given, work);
   take_limits(given, work, settings);
+  return true;
 }
 
 }  // namespace sweepvi::service

@@ -50,8 +50,9 @@ private:
 };
 
 /// The part of a description that a resumption may change (options, set, wall_limit, memory), put into
-/// `work`.
+/// `work`: each key and each option has the value that was given last.
+/// @return whether there was anything
 /// @throws Refusal (400)
-void change_work(const std::string& body, nlohmann::json& work, const Settings& settings);
+bool change_work(const std::string& body, nlohmann::json& work, const Settings& settings);
 
 }  // namespace sweepvi::service

@@ -6,6 +6,8 @@
 #include <cstring>
 #include <sstream>
 
+#include "service/digest.hpp"
+
 namespace sweepvi::service {
 
 namespace fs = std::filesystem;
@@ -14,7 +16,9 @@ using nlohmann::json;
 namespace {
 
 constexpr const char* checkpoint_file = "result.h5.checkpoint";
-constexpr std::int64_t log_bytes = 16LL << 20;
+constexpr std::int64_t log_bytes = std::int64_t{16} << 20;
+// MPI's own files have a limit, too; what a job writes beyond its room the scheduler finds soon.
+constexpr std::int64_t least_file = std::int64_t{16} << 20;
 constexpr std::size_t longest_message = 4000;
 
 /// Scene, changes and options: the words that check, run, solve and study share.
@@ -72,7 +76,7 @@ bool has_checkpoint(const fs::path& job_folder) {
   return fs::exists(job_folder / checkpoint_file, failure);
 }
 
-Order order_for(const Job& job, const fs::path& folder, const Settings& settings) {
+Order order_for(const Job& job, const fs::path& folder, const Settings& settings, std::int64_t room) {
   const json& work = job.request.work;
   const std::string verb = work.at("verb");
   Order order;
@@ -96,8 +100,8 @@ Order order_for(const Job& job, const fs::path& folder, const Settings& settings
     append(order.words, {has_checkpoint(folder) ? std::string("--restart=") + checkpoint_file : "--force"});
   }
   if (verb == "solve") append(order.words, {"--force"});
-  order.file_bytes = settings.job_disk;
-  order.log_bytes = log_bytes;
+  order.file_bytes = std::min(settings.job_disk, std::max(room, least_file));
+  order.log_bytes = std::min(log_bytes, std::max<std::int64_t>(room, 0));
   // A run has --wall-limit to end in order, and gets a little more than that.
   order.seconds = wall > 0.0 ? wall + (verb == "run" ? settings.grace : 0.0) : 0.0;
   order.grace = settings.grace;
@@ -106,7 +110,7 @@ Order order_for(const Job& job, const fs::path& folder, const Settings& settings
 
 Checked check_work(const json& work, const fs::path& folder, const Settings& settings) {
   // Alone, without mpirun, and with a folder of its own for MPI's files: checks run side by side.
-  const fs::path scratch = folder / "mpi";
+  const fs::path scratch = folder / ("mpi-" + random_hex(4));
   const std::vector<std::string> program = {"env", "OMPI_MCA_ess_singleton_isolated=1",
                                             "OMPI_MCA_orte_tmpdir_base=" + scratch.string(),
                                             settings.program.string()};

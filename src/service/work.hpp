@@ -25,7 +25,9 @@ const char* result_file(const Job& job);
 bool has_checkpoint(const std::filesystem::path& job_folder);
 
 /// What the supervisor of a job's next attempt is to do.
-Order order_for(const Job& job, const std::filesystem::path& folder, const Settings& settings);
+/// @param room  bytes that all jobs together may still take: no file may be larger
+Order order_for(const Job& job, const std::filesystem::path& folder, const Settings& settings,
+                std::int64_t room);
 
 /// `sweepvi check` of what is in a folder, as it would be run.
 struct Checked {

@@ -1,11 +1,13 @@
 """Starts the daemon and talks to it, for the Python tests. Every answer is held against openapi.json."""
 
+import contextlib
 import fcntl
 import http.client
 import json
 import os
 import re
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
@@ -211,6 +213,12 @@ class Daemon:
 
     def job(self, number):
         return self.ask("GET", f"/v1/jobs/{number}").json
+
+    def home(self, number):
+        """The folder of a job: its name is drawn at random, and the queue knows it."""
+        with contextlib.closing(sqlite3.connect(f"file:{self.data}/queue.db?mode=ro", uri=True)) as queue:
+            row = queue.execute("SELECT folder FROM jobs WHERE id = ?", (number,)).fetchone()
+        return self.data / "jobs" / row[0] if row else None
 
     def wait(self, number, states=AT_REST, timeout=60):
         deadline = time.monotonic() + timeout

@@ -222,10 +222,9 @@ def survive(folder, requests, seed, verdict):
         outside = sorted(path.name for path in folder.iterdir())
         verdict.expect(outside == ["daemon.log", "data", "token"], f"nothing outside the data folder: {outside}")
         inside = sorted(path.name for path in server.data.iterdir())
-        verdict.expect(set(inside) <= {"incoming", "jobs", "lock", "queue.db", "queue.db-shm", "queue.db-wal"}, f"its own files: {inside}")
-        known = {str(job["id"]) for job in jobs}
-        verdict.expect({path.name for path in (server.data / "jobs").iterdir()} == known, "folders of jobs only")
-        verdict.expect(not list((server.data / "incoming").iterdir()), "nothing left of what came in")
+        verdict.expect(set(inside) <= {"jobs", "lock", "queue.db", "queue.db-shm", "queue.db-wal", "sweepvi-data"}, f"its own files: {inside}")
+        known = {server.home(job["id"]).name for job in jobs}
+        verdict.expect({path.name for path in (server.data / "jobs").iterdir()} == known, "folders of jobs only, nothing of what was refused")
         verdict.expect(not server.wrong, f"answers as documented: {server.wrong[:3]}")
         server.ask("POST", f"/v1/jobs/{second}/cancel")
         server.wait(second)

@@ -128,7 +128,7 @@ def main(jobs, kills, verdict):
         verdict.expect(len(ids) == jobs == len(set(ids)), "each key is one job")
         twice, bad = [], []
         for number in ids:
-            folder = server.data / f"jobs/{number}"
+            folder = server.home(number)
             if (folder / "log").read_text().count("result.h5: ") != 1:
                 twice.append(number)
             ran = [path for path in folder.glob("attempt-*") if (path / "ending.json").exists()]

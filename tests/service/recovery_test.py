@@ -3,6 +3,7 @@
 # timeout: 240
 """Stopping, going on, failures of runs, and a daemon that is killed."""
 
+import json
 import signal
 import sqlite3
 import sys
@@ -54,6 +55,24 @@ class Stopping(InService):
                 self.assertEqual((job["state"], job["attempt"]), ("done", 2), job)
                 result = self.daemon.fetch(number, self.folder / "parts.h5")
                 self.assertEqual(going_on.same_bits(whole, result), [])
+
+    def test_resumed_again_and_again(self):
+        """Each key and each option keeps the value it was given last, and what check refuses is not kept at all."""
+        number = self.accepted(self.daemon.submit(LONG))
+        path = f"/v1/jobs/{number}/resume"
+        for i in range(3):
+            self.cancelled(number)
+            for change in ({"set": ["model.colour=1"]}, {"set": [f"model.k{j}=1" for j in range(200)]}, {"options": ["-info"]},
+                           {"set": [f"title='{j}{'x' * 4000}'" for j in range(150)], "options": ["-ksp_max_it"]},
+                           {"set": ["time.step=-1"]}, {"colour": 1}):
+                self.refused(self.daemon.ask("POST", path, json.dumps(change)), 400)
+            title = "x" * 3000
+            change = {"set": [f"title='{j}{title}'" for j in range(200)], "options": ["-snes_monitor", "-snes_max_it", str(50 + i)]}
+            self.resumed(number, json.dumps(change))
+            job = self.daemon.job(number)
+            self.assertEqual(job["set"], [f"title='199{title}'"])
+            self.assertEqual(job["options"], ["-snes_monitor", "-snes_max_it", str(50 + i)])
+        self.cancelled(number)
 
     moments = (0.0, 0.1, 0.3)
 
@@ -138,7 +157,7 @@ class Failures(InService):
             self.assertEqual(job["state"], "failed", job)
             self.assertIn(word, job["message"], job)
             self.assertEqual(self.daemon.ask("GET", "/healthz").json["running"], 0)
-            (self.daemon.data / f"jobs/{number}/progress").unlink()
+            (self.daemon.home(number) / "progress").unlink()
             self.daemon.ask("POST", f"/v1/jobs/{number}/resume")
 
     def test_out_of_memory(self):
@@ -193,7 +212,7 @@ class Killed(InService):
 
     def test_a_run_that_ends_without_a_daemon(self):
         number = self.accepted(self.daemon.submit())
-        while not (self.daemon.data / f"jobs/{number}/attempt-1/claim").exists():
+        while not (self.daemon.home(number) / "attempt-1/claim").exists():
             time.sleep(0.005)
         self.daemon.kill()
         time.sleep(2.0)
@@ -216,7 +235,7 @@ class Killed(InService):
         job = self.daemon.wait(number)
         self.assertEqual((job["state"], job["checkpoint"]), ("interrupted", True), job)
         self.assertEqual(daemon.processes_of(self.daemon.data), [])
-        scratch = self.daemon.data / f"jobs/{number}/attempt-1/scratch"
+        scratch = self.daemon.home(number) / "attempt-1/scratch"
         self.assertTrue(scratch.is_symlink() and not scratch.exists(), "MPI's files are left behind")
         self.assertEqual(self.daemon.ask("POST", f"/v1/jobs/{number}/resume").status, 202)
         self.assertEqual(self.daemon.wait(number)["state"], "done")

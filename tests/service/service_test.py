@@ -141,7 +141,7 @@ class Jobs(InService):
         self.refused(answer, 400, "mine.toml:", "stepp", "did you mean 'step'")
         self.assertEqual(answer.json["exit"], 2)
         self.assertEqual(self.daemon.ask("GET", "/v1/jobs").json["jobs"], [])
-        self.assertEqual(list(self.daemon.data.glob("incoming/*")) + list(self.daemon.data.glob("jobs/*")), [])
+        self.assertEqual(list(self.daemon.data.glob("jobs/*")), [])
 
     def test_descriptions_are_read_strictly(self):
         self.refused(self.daemon.submit(BALL, ranks=99), 400, "ranks")
@@ -203,9 +203,9 @@ class Jobs(InService):
     def test_deleting_frees_the_disk(self):
         number = self.accepted(self.daemon.submit())
         self.daemon.wait(number)
-        self.assertTrue((self.daemon.data / f"jobs/{number}").exists())
+        self.assertTrue(self.daemon.home(number).exists())
         self.assertEqual(self.daemon.ask("DELETE", f"/v1/jobs/{number}").status, 204)
-        self.assertFalse((self.daemon.data / f"jobs/{number}").exists())
+        self.assertEqual(list(self.daemon.data.glob("jobs/*")), [])
         self.refused(self.daemon.ask("DELETE", f"/v1/jobs/{number}"), 404)
 
     def test_events_go_on_after_a_reconnection(self):
@@ -241,7 +241,7 @@ class Jobs(InService):
         self.assertEqual(identifiers, sorted(set(identifiers)))
         self.assertEqual(steps, sorted(set(steps)), "an event came twice, or out of order")
         self.assertEqual(steps[-1], 10000)
-        lines = (self.daemon.data / f"jobs/{number}/progress").read_text().splitlines()
+        lines = (self.daemon.home(number) / "progress").read_text().splitlines()
         self.assertEqual(steps, [json.loads(line)["step"] for line in lines], "an event was lost")
 
     def test_client(self):
