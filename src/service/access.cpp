@@ -2,6 +2,7 @@
 
 #include <openssl/crypto.h>
 
+#include "service/address.hpp"
 #include "service/digest.hpp"
 #include "service/refusal.hpp"
 
@@ -23,8 +24,8 @@ bool Access::has_token(const std::string& authorization) const {
 // Elsewhere the token keeps strangers out, and proxies may use any name.
 bool Access::names_us(const std::string& host) const {
   if (on_socket_ || !on_loopback_) return true;
-  const std::string name = host.substr(0, host.ends_with(']') ? host.size() : host.rfind(':'));
-  return name == "localhost" || name.starts_with("127.") || name == "[::1]";
+  const std::optional<std::string> name = host_in(host);
+  return name && is_loopback(*name);
 }
 
 void Access::check(const httplib::Request& request) const {

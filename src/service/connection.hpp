@@ -3,8 +3,11 @@
 #include <httplib.h>
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <string>
+
+#include "service/files.hpp"
 
 namespace sweepvi::service {
 
@@ -16,18 +19,39 @@ struct RequestLimits {
   double slowest = 64.0 * 1024.0;  ///< each so many bytes
   double idle = 5.0;               ///< between requests [s]
   double stalled = 30.0;           ///< until somebody who does not read is given up [s]
+  // The same where others wait for a thread: who has said nothing yet goes at once.
+  double slow_head = 1.0;    ///< for the head [s]
+  double slow_client = 5.0;  ///< without a byte, to or from it [s]
+};
+
+/// Calls of connections that wait for a thread to those that have one and do nothing with it.
+class Calls {
+public:
+  Calls();
+  /// Readable while there are some.
+  int descriptor() const { return event_.get(); }
+  void call();
+  /// Takes one; false if there is none.
+  bool take();
+  /// Takes all but so many.
+  void keep(int most);
+
+private:
+  Descriptor event_;
+  std::atomic<int> count_ = 0;
 };
 
 /// A connection that gives up on clients who send too much, too slowly, or nothing: cpp-httplib bounds single
-/// lines and pauses, not requests.
+/// lines and pauses, not requests. Heads are held against the rules before cpp-httplib sees them, see
+/// check_head().
 class Connection : public httplib::Stream {
 public:
-  Connection(socket_t socket, const RequestLimits& limits);
+  Connection(socket_t socket, const RequestLimits& limits, Calls& calls);
 
-  /// Waits for the next request; false if there is none.
+  /// Waits for the next request and reads its head; false if there is none, or none that can be answered.
   bool next();
   /// Of the body of this request, as it was read so far.
-  std::int64_t body_bytes() const { return bytes_ - head_bytes_; }
+  std::int64_t body_bytes() const { return body_bytes_; }
   /// Ends it so that the last answer arrives: what is still coming in is read for a moment.
   void finish();
 
@@ -40,28 +64,35 @@ public:
   socket_t socket() const override { return socket_; }
 
 private:
-  bool wait_for(short events, double seconds) const;
-  void follow_head(const char* bytes, std::size_t size);
+  /// Until the socket is ready: false after `seconds`, or if somebody calls after `undisturbed` seconds.
+  bool wait_for(short events, double seconds, double undisturbed) const;
+  bool fill(double until, double undisturbed);
+  bool read_head();
+  void refuse(int status, const std::string& text);
 
   socket_t socket_;
   const RequestLimits& limits_;
+  Calls& calls_;
   std::array<char, 16384> buffer_{};
   std::size_t first_ = 0, last_ = 0;  // of what is in the buffer and was not read
+  std::string head_;
+  std::size_t head_read_ = 0;
   double began_ = 0.0;
-  std::int64_t bytes_ = 0;       // of this request so far
-  std::int64_t head_bytes_ = 0;  // of them, up to the body
-  int line_ends_ = 0;            // in a row; two end the head
+  std::int64_t body_bytes_ = 0;
+  mutable bool gave_way_ = false;
 };
 
 /// cpp-httplib's server with such connections.
 class Server : public httplib::Server {
 public:
-  explicit Server(RequestLimits limits) : limits_(limits) {}
+  /// @param threads  that serve connections, one each
+  Server(const RequestLimits& limits, std::size_t threads);
 
 private:
   bool process_and_close_socket(socket_t socket) override;
 
   RequestLimits limits_;
+  Calls calls_;
 };
 
 }  // namespace sweepvi::service

@@ -11,6 +11,7 @@
 #include <sstream>
 #include <thread>
 
+#include "service/address.hpp"
 #include "service/arguments.hpp"
 #include "service/files.hpp"
 #include "service/refusal.hpp"
@@ -80,8 +81,7 @@ int Settings::port() const {
 }
 
 bool Settings::on_loopback() const {
-  const std::string name = host();
-  return on_socket() || name == "localhost" || name == "::1" || name.starts_with("127.");
+  return on_socket() || is_loopback(host());
 }
 
 std::string read_token(const fs::path& path) {
