@@ -56,49 +56,62 @@ def first_root(p):
     """(The first root in (0, 1] or None, least value at an interior minimum before it or None) of p, p(0) > 0."""
     c = np.array([float(v) for v in p])
     k = np.arange(len(c))
-    bend = float((np.abs(c) * k * (k - 1)).sum()) * (1 + 1e-12)  # |p''| on [0, 1]
-    noise = 1e-13 * float(np.abs(c).sum())
     s = np.linspace(0.0, 1.0, CELLS + 1)
-    v = np.polynomial.polynomial.polyval(s, c)
+    polynomial = np.polynomial.polynomial
+    v, second = polynomial.polyval(s, c), polynomial.polyval(s, polynomial.polyder(c, 2) if len(c) > 2 else [0.0])
+    fourth = float((np.abs(c) * k * (k - 1) * (k - 2) * (k - 3)).sum())  # bounds the fourth derivative on [0, 1]
+    bend = np.maximum(np.abs(second[:-1]), np.abs(second[1:])) + fourth / CELLS**2 / 8  # and the second one on each cell
+    noise = 1e-13 * float((np.abs(c) * (1 + k * k)).sum())
     low = np.minimum(v[:-1], v[1:]) - bend / CELLS**2 / 8 - noise
-    least = None
-    for i in range(1, CELLS):
-        if v[i] <= v[i - 1] and v[i] < v[i + 1] and (least is None or v[i] < least):
-            least = v[i]
-    slope = None
-    for i in np.flatnonzero(low <= 0):
-        slope = slope or derivative(p)
-        root = root_in(p, slope, Decimal(int(i)) / CELLS, Decimal(int(i) + 1) / CELLS, Decimal(bend), 0)
+    half = ONE / (2 * CELLS)
+    root, before = None, CELLS
+    for i in map(int, np.flatnonzero(low <= 0)):
+        middle = (2 * i + 1) * half
+        root = root_in(shifted(p, middle, half))
         if root is not None:
-            before = [v[j] for j in range(1, int(i) + 1) if v[j] <= v[j - 1] and v[j] < v[j + 1]] if i else []
-            return root, min(before, default=None)
-    return None, least
+            root, before = middle + half * root, i + 1
+            break
+    return root, min((v[i] for i in range(1, before) if v[i] <= v[i - 1] and v[i] < v[i + 1]), default=None)
 
 
-def root_in(p, slope, a, b, bend, depth):
-    """The first root in (a, b], where p > 0 up to a; |p''| <= bend."""
-    half, middle = (b - a) / 2, (a + b) / 2
-    at, rate = value(p, middle), value(slope, middle)
-    if at > abs(rate) * half + bend * half * half / 2:
+def shifted(p, middle, half):
+    """q(s) = p(middle + half s)."""
+    p = list(p)
+    for first in range(len(p) - 1):
+        for k in range(len(p) - 2, first - 1, -1):
+            p[k] += middle * p[k + 1]
+    power = ONE
+    for k in range(len(p)):
+        p[k] *= power
+        power *= half
+    return p
+
+
+def root_in(p, depth=0):
+    """The first root of p in (-1, 1], where p > 0 up to -1; None if there is none."""
+    if p[0] > sum(map(abs, p[1:])):
         return None
-    if abs(rate) > bend * half:  # monotone
-        end = value(p, b)
-        if end > 0 or rate > 0:
+    slope = derivative(p)
+    if slope and abs(slope[0]) > sum(map(abs, slope[1:])):  # monotone
+        if slope[0] > 0 or sum(p) > 0:
             return None
-        s = middle
-        for _ in range(12):
-            new = min(max(s - value(p, s) / value(slope, s), a), b)
+        a, b, s = -ONE, ONE, ZERO
+        for _ in range(200):
+            at = value(p, s)
+            a, b = (s, b) if at > 0 else (a, s)
+            new = s - at / value(slope, s)
             if abs(new - s) <= CONVERGED:
                 return new
-            s = new
-        for _ in range(200):
-            middle = (a + b) / 2
-            a, b = (middle, b) if value(p, middle) > 0 else (a, middle)
+            s = new if a < new < b else (a + b) / 2
         return b
     if depth == 60:
         raise Grazing("a double root")
-    left = root_in(p, slope, a, middle, bend, depth + 1)
-    return left if left is not None else root_in(p, slope, middle, b, bend, depth + 1)
+    half = ONE / 2
+    for middle in (-half, half):
+        root = root_in(shifted(p, middle, half), depth + 1)
+        if root is not None:
+            return middle + half * root
+    return None
 
 
 class EventDriven:
