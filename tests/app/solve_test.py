@@ -179,7 +179,7 @@ def natural_ratio(problem, u):
 
 
 class Solve(unittest.TestCase):
-    LCPS, MIXED = 60, 18  # solve_full_test.py has more
+    LCPS, MIXED = 24, 9  # solve_full_test.py has more
 
     def judge_solved(self, problem, result):
         outcome = result["outcome"]
@@ -234,7 +234,7 @@ class Solve(unittest.TestCase):
         """Each block converges at its own pace; one slow block must not spoil the others."""
         rng = np.random.default_rng(SEED + 3)
         problem = block_diagonal([lcp(rng, kind) for kind in KINDS] + [mixed(rng, h_matrix) for _ in range(6)])
-        self.judge_all([problem, problem, problem])
+        self.judge_all([problem, problem, problem])  # in each form
         self.judge_all([problem], ranks=2)
 
     def test_newton_min_cycle(self):
@@ -257,8 +257,8 @@ class Solve(unittest.TestCase):
                 "lower": np.array([-np.inf, 0]), "upper": np.full(2, np.inf),
             },
         }
-        for ranks in (1, 2):
-            for name, problem in cases.items():
+        for name, problem in cases.items():
+            for ranks in (1, 2) if "row" in name else (1,):
                 with self.subTest(name, ranks=ranks):
                     self.judge_unsolvable(problem, ranks)
 

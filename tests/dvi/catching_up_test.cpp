@@ -1,4 +1,5 @@
 // ranks: 1 2 3
+// several: *-CatchingUpBox.Decay*:*.AHalfPlaneOfConstant*:*.ATurning*
 // three: *.AChainIsPushedTogether:*.RanksAndOrderDoNotMatter:*.DependentFacesShareTheirMeasure
 // First-order sweeping processes against closed forms and brute force.
 // timeout: 240

@@ -1,4 +1,5 @@
 // ranks: 1 2 3
+// several: Coordinates.OutputsOnOtherRanks:Coordinates.TenCopies*:Coordinates.ForcedNeighbours*
 // three: Coordinates.OutputsOnOtherRanks
 // timeout: 200
 // AB (65) behind changes of coordinates, alone and in mixed copies, forced and not: the outputs do not care.

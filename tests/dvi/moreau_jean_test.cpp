@@ -1,4 +1,5 @@
 // ranks: 1 2 3
+// several: *-MoreauJean.BallOfTheReference*:MoreauJean.ElasticBall*
 // three: MoreauJean.TouchingBallsShareOneBlow:MoreauJean.WallChainBalances:MoreauJean.ColumnOfBallsBalances
 // timeout: 240
 #include <gtest/gtest.h>

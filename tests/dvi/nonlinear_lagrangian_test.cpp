@@ -1,4 +1,5 @@
 // ranks: 1 2 3
+// several: *-*.PendulumsKeepTheirEnergy*:*.PendulumsBalance*
 // three: NonlinearLagrangian.ALinearSystemInDisguiseMovesAsItself
 #include "sweepvi/nonlinear_lagrangian.hpp"
 

@@ -2,6 +2,7 @@
 // the events of AB (65).
 //
 // ranks: 1 2
+// several: Theta.StepIsThatOfTheMeasureEquation:Theta.OutsideOfItsRangeIsRefused
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -25,7 +26,7 @@ DenseSystem dense65(const std::vector<Signal>& f = {}) {
 TEST(Theta, SecondOrderAcrossTheEventsOf65) {
   for (const char* form : {"box-on-z", "primal-dual"}) {
     double previous = 0.0;
-    for (const PetscInt steps : {100, 400, 1600, 6400}) {
+    for (const PetscInt steps : {100, 400, 1600}) {
       const Record run = simulate(dense65(), {0.0, 10.0, steps}, {.form = form, .theta = 0.5});
       ASSERT_TRUE(run.certified);
       const double error = distance(run.x.back(), exact65_at_10);
@@ -41,6 +42,7 @@ TEST(Theta, SecondOrderAcrossTheEventsOf65) {
 
 // theta in (1/2, 1) is of order 1 with the constant of (theta - 1/2): 2 (theta - 1/2) of what theta = 1 has.
 TEST(Theta, ErrorIsProportionalToTheDistanceFromOneHalf) {
+  const ScopedOption petsc_lu("-pc_factor_mat_solver_type", "petsc");  // a fifth of the time at 5 x 5
   const TimeGrid grid{0.0, 10.0, 10000};
   const auto error = [&](double theta) {
     return distance(simulate(dense65(), grid, {.theta = theta}).x.back(), exact65_at_10);

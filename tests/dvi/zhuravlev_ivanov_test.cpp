@@ -1,4 +1,5 @@
 // ranks: 1 2 3
+// several: *-ZhuravlevIvanov.RandomBallsConverge:ZhuravlevIvanov.*OrderOne:ZhuravlevIvanov.Ball*
 // three: Chain.*
 // timeout: 240
 

@@ -16,7 +16,7 @@ import program
 from examples_test import words
 
 
-class Mechanics(unittest.TestCase):
+class Runs(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.examples = {words(example): example for example in gallery.examples()}
@@ -32,6 +32,36 @@ class Mechanics(unittest.TestCase):
         for text in texts:
             self.assertIn(text, self.examples[name].expect)
 
+    def bar(self, *more, folder=None):
+        """Times of contact, impulse of the first, and the worst error of the foot."""
+        if folder is None:
+            result = self.run_example("elastic_bar/scene.toml", *more)
+        else:
+            scene = str(Path(folder) / "scene.toml")
+            example = gallery.Example(scene, [scene, *more], 1, "")
+            result = gallery.run(self.folder, example)
+        exact = np.interp(result.t, [0, 1, 2, 3, 4, 5, 6], [0.5, 0, 0, 0.5, 0, 0, 0.5])
+        first = result.events[result.events["t"] < 3]
+        impulse = result.mu[result.t < 3, 0, 1].sum()
+        begin, end = first["t"][first["kind"] == 0][0], first["t"][first["kind"] == 1][-1]
+        energy = result.energy.sum(axis=1)
+        self.assertLess(abs(energy - energy[0]).max(), 1e-12)
+        return result, (begin, end, impulse, abs(result.w[:, 0] - exact).max())
+
+    def made(self, masses, files=()):
+        """The folder with what make.py writes; some of it held against the files of the example."""
+        bar = gallery.EXAMPLES / "elastic_bar"
+        folder = Path(self.folder) / f"bar{masses}"
+        folder.mkdir()
+        done = subprocess.run([sys.executable, bar / "make.py", str(masses), folder])
+        self.assertEqual(done.returncode, 0)
+        for file in files:
+            self.assertEqual((folder / f"{file}.mtx").read_text(), (bar / f"{file}.mtx").read_text(), file)
+        shutil.copy(bar / "scene.toml", folder)
+        return folder
+
+
+class Mechanics(Runs):
     def test_ball(self):
         reference = json.loads((gallery.REFERENCE / "moreau_ball.json").read_text())
         times = [float(t) for t in reference["exact"]["t"]]
@@ -130,25 +160,9 @@ class Mechanics(unittest.TestCase):
         self.assertAlmostEqual(result.energy[0].sum(), 20915)
         self.assertAlmostEqual(result.w[-1].min(), -0.03, delta=0.001)
 
-    def bar(self, *more, masses=200, folder=None):
-        """Times of contact, impulse of the first, and the worst error of the foot."""
-        if folder is None:
-            result = self.run_example("elastic_bar/scene.toml", *more)
-        else:
-            scene = str(Path(folder) / "scene.toml")
-            example = gallery.Example(scene, [scene, *more], 1, "")
-            result = gallery.run(self.folder, example)
-        exact = np.interp(result.t, [0, 1, 2, 3, 4, 5, 6], [0.5, 0, 0, 0.5, 0, 0, 0.5])
-        first = result.events[result.events["t"] < 3]
-        impulse = result.mu[result.t < 3, 0, 1].sum()
-        begin, end = first["t"][first["kind"] == 0][0], first["t"][first["kind"] == 1][-1]
-        energy = result.energy.sum(axis=1)
-        self.assertLess(abs(energy - energy[0]).max(), 1e-12)
-        return result, (begin, end, impulse, abs(result.w[:, 0] - exact).max())
-
     def test_elastic_bar(self):
         name = "elastic_bar/scene.toml"
-        self.promised(name, "1.005 s to 2.015 s", "4.010 s", "0.4929", "0.018", "1.0010", "2.0050", "0.49773", "0.0060")
+        self.promised(name, "1.005 s to 2.015 s", "4.010 s", "0.4929", "0.018")
         result, found = self.bar()
         np.testing.assert_allclose(found, [1.005, 2.015, 0.4929, 0.018], atol=5.1e-5)
         self.assertEqual([round(t, 3) for t in result.impacts()["t"]], [1.005, 4.010])
@@ -156,22 +170,12 @@ class Mechanics(unittest.TestCase):
         self.assertAlmostEqual(result.energy[-1, 2], 2 * 0.5 / 400 * 0.25, delta=1e-4)
         self.assertAlmostEqual(result.energy[0, 1], 0.125, delta=1e-12)
 
-        # The files are what make.py writes; with more masses contact and impulse come closer to 1, 2, 1/2.
-        errors = [max(abs(found[0] - 1), abs(found[1] - 2))], [abs(found[2] - 0.5)]
-        for masses in (200, 1000):
-            folder = Path(self.folder) / f"bar{masses}"
-            folder.mkdir()
-            done = subprocess.run([sys.executable, gallery.EXAMPLES / "elastic_bar/make.py", str(masses), folder])
-            self.assertEqual(done.returncode, 0)
-            for file in ("M", "K", "H", "q0", "v0"):
-                if masses == 200:
-                    here = (gallery.EXAMPLES / "elastic_bar" / f"{file}.mtx").read_text()
-                    self.assertEqual((folder / f"{file}.mtx").read_text(), here, file)
-        shutil.copy(gallery.EXAMPLES / name, folder)
-        _, fine = self.bar("--set", "time.step=1e-3", folder=folder)
-        np.testing.assert_allclose(fine, [1.001, 2.005, 0.49773, 0.0060], atol=1e-5)
-        self.assertLess(max(abs(fine[0] - 1), abs(fine[1] - 2)), 0.5 * errors[0][0])
-        self.assertLess(abs(fine[2] - 0.5), 0.5 * errors[1][0])
+        # The files are what make.py writes; with fewer masses contact and impulse are further from 1, 2, 1/2.
+        self.made(200, files=("M", "K", "H", "q0", "v0"))
+        _, coarse = self.bar("--set", "time.step=1e-2", folder=self.made(100))
+        np.testing.assert_allclose(coarse, [1.01, 2.03, 0.4883, 0.029], atol=5.1e-4)  # README.md
+        self.assertGreater(max(coarse[0] - 1, coarse[1] - 2), 1.5 * max(found[0] - 1, found[1] - 2))
+        self.assertGreater(0.5 - coarse[2], 1.5 * (0.5 - found[2]))
 
 
 class PendulumWalls(unittest.TestCase):

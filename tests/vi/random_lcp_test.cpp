@@ -1,6 +1,7 @@
 // Random box VIs through the whole ladder: what is certified is a solution, by a judge of its own; P-matrices
 // are solved whatever their kind, and of small problems without structure all that have a solution are.
 // ranks: 1 2
+// several: *-RandomLcp.MurtysFamily
 #include "vi/random_runs.hpp"
 
 namespace sweepvi::test {
