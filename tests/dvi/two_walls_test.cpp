@@ -1,6 +1,5 @@
-// ranks: 1 2 3
+// ranks: 1 2
 // several: TwoWalls.BothForms*:TwoWalls.DegreesZeroAndOne*:TwoWalls.NoStepPassesBoth
-// three: TwoWalls.BothFormsAreTheSameStep
 // timeout: 300
 // Two-sided constraints, 0 <= w <= wmax: mirror symmetry, exact impact times, walls passed in one step,
 // degrees 0 and 1 with D, and the three schemes.
