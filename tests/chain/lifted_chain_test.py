@@ -8,7 +8,7 @@
 import numpy as np
 from chain_runs import BLOCK_JACOBI, Verdict, homsp, jerk_chain, program, run, write_scene
 
-COUNT = 1000
+COUNT = 300
 COUPLING = 0.5
 END = 10.0
 # Both runs round differently; nothing amplifies that but the switching, which is the same. 500 steps of a system whose
@@ -127,8 +127,8 @@ def main():
     verdict = Verdict()
     with program.temporary_folder() as name:
         folder = program.Path(name)
-        test_chain(folder, 1e-1, (1, 2, 3, 5), [], verdict)
-        test_chain(folder, 2e-2, (1, 2, 3, 5), BLOCK_JACOBI, verdict)
+        test_chain(folder, 1e-1, (1, 2, 5), [], verdict)
+        test_chain(folder, 2e-2, (1, 3), BLOCK_JACOBI, verdict)
         unturned = np.broadcast_to(np.eye(5), (COUNT, 5, 5))
         test_linear(folder, "shuffled", 1e-1, unturned, (1, 3), verdict)
         # Outputs are no longer states: multipliers are unknowns of their own.
