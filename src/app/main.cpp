@@ -14,6 +14,7 @@
 #include "app/service_verbs.hpp"
 #include "app/verbs.hpp"
 #include "app/watch.hpp"
+#include "io/printable.hpp"
 #include "io/table_file.hpp"
 #include "sweepvi/petsc.hpp"
 
@@ -72,7 +73,7 @@ std::string memory_hint() {
 }
 
 void complain(int rank, const char* message) {
-  if (rank == 0) std::fprintf(stderr, "sweepvi: %s\n", message);
+  if (rank == 0) std::fprintf(stderr, "sweepvi: %s\n", printable_lines(message).c_str());
 }
 
 }  // namespace
@@ -115,7 +116,8 @@ int main(int argc, char** argv) {
     code = error.code();
     if (code == ExitCode::internal || TableFile::damaged()) {
       // Perhaps only this rank is here; the others must not wait for it.
-      std::fprintf(stderr, "sweepvi: [rank %d] %s%s\n", rank, error.what(), memory_hint().c_str());
+      std::fprintf(stderr, "sweepvi: [rank %d] %s%s\n", rank, printable_lines(error.what()).c_str(),
+                   memory_hint().c_str());
       MPI_Abort(session.comm(), static_cast<int>(code));
     }
     complain(rank, error.what());

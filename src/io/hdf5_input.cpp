@@ -6,6 +6,8 @@
 #include <filesystem>
 
 #include "io/confinement.hpp"
+#include "io/hdf5_guard.hpp"
+#include "io/printable.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -17,7 +19,8 @@ std::string content_of(hid_t file) {
   std::vector<std::string> names;
   const auto note = [](hid_t, const char* name, const H5O_info_t*, void* list) -> herr_t {
     auto& found = *static_cast<std::vector<std::string>*>(list);
-    if (std::strcmp(name, ".") != 0) found.push_back("/" + std::string(name));
+    constexpr std::size_t most = 200;  // of a name
+    if (std::strcmp(name, ".") != 0) found.push_back("/" + printable(std::string_view(name).substr(0, most)));
     return found.size() > 20;  // enough for a message
   };
   H5Ovisit2(file, H5_INDEX_NAME, H5_ITER_INC, note, &names, H5O_INFO_BASIC);
@@ -38,8 +41,14 @@ unsigned long file_number(hid_t object) {
 
 }  // namespace
 
+std::string content_of_hdf5(const std::string& path) {
+  const QuietHdf5 quiet;
+  const Hdf5Guard guard(path);
+  return content_of(open_hdf5(path).get());
+}
+
 std::string place_in(const std::string& path, const std::string& dataset) {
-  return path + ": " + dataset;
+  return path + ": " + printable(dataset);
 }
 
 Hdf5File open_hdf5(const std::string& path) {
@@ -85,6 +94,8 @@ std::string text_attribute(hid_t object, const char* name) {
     text.resize(H5Aget_storage_size(attribute.get()));
     H5Aread(attribute.get(), type.get(), text.data());
   }
+  text.resize(std::min(text.find('\0'), text.size()));
+  text.resize(text.find_last_not_of(' ') + 1);
   return text;
 }
 
@@ -101,28 +112,54 @@ std::string shape_text(const std::vector<hsize_t>& shape) {
   return result.empty() ? "a single value" : "shape " + result;
 }
 
+namespace {
+
+/// An enumeration of whole numbers none of which is but 0 and 1.
+bool is_truth(hid_t type) {
+  const Hdf5Type base(H5Tget_super(type));
+  if (!base || H5Tget_class(base.get()) != H5T_INTEGER || H5Tget_size(base.get()) > sizeof(std::int64_t))
+    return false;
+  const int members = H5Tget_nmembers(type);
+  for (int i = 0; i < members; ++i) {
+    std::int64_t value = 0;
+    if (H5Tget_member_value(type, unsigned(i), &value) < 0 ||
+        H5Tconvert(base.get(), H5T_NATIVE_INT64, 1, &value, nullptr, H5P_DEFAULT) < 0 ||
+        (value != 0 && value != 1))
+      return false;
+  }
+  return members >= 1 && members <= 2;
+}
+
+}  // namespace
+
 void check_numbers(hid_t dataset, const std::string& where, bool whole) {
   const Hdf5Type type(H5Dget_type(dataset));
   const H5T_class_t kind = H5Tget_class(type.get());
-  if (kind != H5T_INTEGER && (whole || kind != H5T_FLOAT))
-    throw InputError(where + (whole ? " should hold whole numbers" : " should hold real numbers") +
-                     ", found another type (" +
-                     (kind == H5T_FLOAT      ? "floating point"
-                      : kind == H5T_COMPOUND ? "compound, as complex numbers are"
-                      : kind == H5T_STRING   ? "text"
-                                             : "neither integer nor floating point") +
-                     ")");
+  if (kind == H5T_INTEGER || (!whole && kind == H5T_FLOAT)) return;
+  if (!whole && kind == H5T_ENUM && is_truth(type.get())) return;
+  if (!whole && kind == H5T_BITFIELD && H5Tget_size(type.get()) == 1) return;
+  throw InputError(where + (whole ? " should hold whole numbers" : " should hold real numbers") +
+                   ", found another type (" +
+                   (kind == H5T_FLOAT      ? "floating point"
+                    : kind == H5T_COMPOUND ? "compound, as complex numbers are"
+                    : kind == H5T_STRING   ? "text"
+                                           : "neither integer nor floating point") +
+                   ")");
 }
 
-void check_finite(const double* values, std::size_t count, const std::string& where, hsize_t offset,
-                  hsize_t width) {
-  const double* bad = std::find_if_not(values, values + count, [](double v) { return std::isfinite(v); });
-  if (bad == values + count) return;
-  const hsize_t index = offset + hsize_t(bad - values);
-  throw InputError(where + " should hold finite numbers, found " + std::to_string(*bad) + " at [" +
-                   (width > 0 ? std::to_string(index / width) + ", " + std::to_string(index % width)
-                              : std::to_string(index)) +
-                   "]");
+void read_reals(hid_t dataset, hid_t memory, hid_t file, double* to, std::size_t count,
+                const std::string& where) {
+  const Hdf5Type type(H5Dget_type(dataset));
+  const bool bits = H5Tget_class(type.get()) == H5T_BITFIELD;  // HDF5 makes no numbers of them
+  std::vector<unsigned char> bytes(bits ? count : 0);
+  void* place = bits ? static_cast<void*>(bytes.data()) : to;
+  if (H5Dread(dataset, bits ? H5T_NATIVE_B8 : H5T_NATIVE_DOUBLE, memory, file, H5P_DEFAULT, place) < 0)
+    throw InputError(where + " cannot be read: " + hdf5_reason());
+  if (!bits) return;
+  const auto bad = std::find_if(bytes.begin(), bytes.end(), [](unsigned char b) { return b > 1; });
+  if (bad != bytes.end())
+    throw InputError(where + " should hold truth values, 0 and 1, found bits " + std::to_string(*bad));
+  std::copy(bytes.begin(), bytes.end(), to);
 }
 
 void check_extent(hid_t dataset, const std::vector<hsize_t>& shape, const std::string& where) {

@@ -1,205 +1,163 @@
 #include "io/matrix_file.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
-#include <numeric>
-#include <utility>
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <string_view>
 
+#include "io/byte_source.hpp"
+#include "io/compressed.hpp"
 #include "io/hdf5_guard.hpp"
 #include "io/hdf5_handle.hpp"
 #include "io/hdf5_input.hpp"
-#include "parallel/memory.hpp"
+#include "io/printable.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
-
-double SparseEntries::entry(std::int64_t i, std::int64_t j) const {
-  const auto first = columns.begin() + row_starts[static_cast<std::size_t>(i)];
-  const auto last = columns.begin() + row_starts[static_cast<std::size_t>(i) + 1];
-  const auto at = std::lower_bound(first, last, j);
-  return at == last || *at != j ? 0.0 : values[static_cast<std::size_t>(at - columns.begin())];
-}
 namespace {
 
-constexpr hsize_t most = std::numeric_limits<std::int32_t>::max();  // of rows, of columns, of entries
+using namespace std::string_view_literals;
 
-template <class T>
-std::vector<T> read_column(hid_t object, const std::string& where, hid_t type, bool infinity = false) {
-  if (H5Iget_type(object) != H5I_DATASET)
-    throw InputError(where + " is not a dataset; a vector is expected here");
-  const Hdf5Space space(H5Dget_space(object));
-  const std::vector<hsize_t> shape = shape_of(space.get());
-  const bool flat = shape.size() == 1 || (shape.size() == 2 && std::min(shape[0], shape[1]) == 1);
-  if (!flat) throw InputError(where + " has " + shape_text(shape) + "; a vector is expected here");
-  check_numbers(object, where, std::is_integral_v<T>);
-  check_extent(object, shape, where);
-  const hsize_t length = shape.size() == 1 ? shape[0] : std::max(shape[0], shape[1]);
-  if (length > most)
-    throw InputError(where + " has " + shape_text(shape) + "; expected at most 2147483647 entries");
-  require_memory(double(sizeof(T)) * double(length), where + ": " + shape_text(shape) + " takes");
-  std::vector<T> values(static_cast<std::size_t>(length));
-  if (H5Dread(object, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()) < 0)
-    throw InputError(where + " cannot be read: " + hdf5_reason());
-  if constexpr (std::is_floating_point_v<T>)
-    if (!infinity) check_finite(values.data(), values.size(), where, 0, 0);
-  return values;
+enum class FileKind { matrix_market, numpy, numpy_archive, petsc, hdf5, unknown };
+
+/// The first bytes of what is in the file, unpacked.
+std::string head_of(FileSource& source) {
+  std::array<char, 64> bytes{};
+  const std::size_t count = source.read(bytes.data(), bytes.size());
+  source.rewind();
+  return {bytes.data(), count};
 }
 
-void check_size(const std::string& where, hsize_t rows, hsize_t cols) {
-  if (rows < 1 || cols < 1 || rows > most || cols > most)
-    throw InputError(where + " has " + shape_text({rows, cols}) +
-                     "; expected 1 to 2147483647 rows and columns");
+/// A class number of PETSc's, big-endian, in 32 or in 64 bits.
+bool is_petsc(std::string_view head) {
+  if (head.starts_with("\0\0\0\0"sv)) head.remove_prefix(4);
+  for (const std::string_view known : {"\x00\x12\x7b\x50"sv, "\x00\x12\x7b\x4e"sv, "\x00\x12\x7b\x52"sv})
+    if (head.starts_with(known)) return true;
+  return false;
 }
 
-SparseEntries read_dense(hid_t dataset, const std::string& where) {
-  const Hdf5Space space(H5Dget_space(dataset));
-  const std::vector<hsize_t> shape = shape_of(space.get());
-  if (shape.size() != 2)
-    throw InputError(where + " has " + shape_text(shape) + "; a matrix with two axes is expected here");
-  const hsize_t rows = shape[0], cols = shape[1];
-  check_size(where, rows, cols);
-  check_numbers(dataset, where, false);
-  check_extent(dataset, shape, where);
-  require_memory(8.0 * double(rows), where + ": " + shape_text(shape) + " takes");
-  SparseEntries matrix{std::int64_t(rows), std::int64_t(cols), {0}, {}, {}};
-  // Some rows at a time: the zeros of a large matrix need not be in memory all at once.
-  const hsize_t block = std::clamp((hsize_t{1} << 20) / cols, hsize_t{1}, rows);
-  std::vector<double> values(block * cols);
-  for (hsize_t first = 0; first < rows; first += block) {
-    const hsize_t start[] = {first, 0}, count[] = {std::min(block, rows - first), cols};
-    const Hdf5Space memory(H5Screate_simple(2, count, nullptr));
-    if (H5Sselect_hyperslab(space.get(), H5S_SELECT_SET, start, nullptr, count, nullptr) < 0 ||
-        H5Dread(dataset, H5T_NATIVE_DOUBLE, memory.get(), space.get(), H5P_DEFAULT, values.data()) < 0)
-      throw InputError(where + " cannot be read: " + hdf5_reason());
-    check_finite(values.data(), count[0] * cols, where, first * cols, cols);
-    for (hsize_t i = 0; i < count[0]; ++i) {
-      for (hsize_t j = 0; j < cols; ++j) {
-        const double value = values[i * cols + j];
-        if (value == 0) continue;
-        matrix.columns.push_back(std::int64_t(j));
-        matrix.values.push_back(value);
-      }
-      matrix.row_starts.push_back(std::int64_t(matrix.values.size()));
-    }
-    if (matrix.values.size() > most)
-      throw InputError(where + " has more than 2147483647 entries that are not 0; that is the most");
+FileKind kind_of(std::string_view head) {
+  std::string_view text = head;
+  if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
+  text.remove_prefix(std::min(text.find_first_not_of(" \t\r\n"), text.size()));
+  if (text.starts_with("%")) return FileKind::matrix_market;
+  if (head.starts_with("\x93NUMPY")) return FileKind::numpy;
+  if (head.starts_with("PK\x03\x04") || head.starts_with("PK\x05\x06")) return FileKind::numpy_archive;
+  if (is_petsc(head)) return FileKind::petsc;
+  if (head.starts_with("\x89HDF\r\n\x1a\n")) return FileKind::hdf5;
+  return FileKind::unknown;
+}
+
+/// What else a file may be, and what to do about it.
+std::string advice_for(std::string_view head) {
+  constexpr std::array<std::array<std::string_view, 2>, 6> others = {{
+      {"MATLAB 5.0", "a MAT-file of MATLAB's versions 5 to 7; save it with -v7.3"},
+      {"BZh", "packed by bzip2; unpack it"},
+      {"\xfd"
+       "7zXZ",
+       "packed by xz; unpack it"},
+      {"\x28\xb5\x2f\xfd", "packed by zstd; unpack it"},
+      {"\xff\xfe", "a text encoded in UTF-16; save it as UTF-8 or ASCII"},
+      {"\xfe\xff", "a text encoded in UTF-16; save it as UTF-8 or ASCII"},
+  }};
+  for (const auto& [begin, words] : others)
+    if (head.starts_with(begin)) return std::string(words);
+  return {};
+}
+
+struct Opened {
+  FileSource source;
+  FileKind kind = FileKind::unknown;
+
+  explicit Opened(const std::string& path) : source(path) {
+    const std::string head = head_of(source);
+    kind = kind_of(head);
+    // The mark of HDF5 may stand behind a user block, as in MATLAB's files.
+    const QuietHdf5 quiet;
+    if (kind == FileKind::unknown && !source.packed() && H5Fis_hdf5(path.c_str()) > 0) kind = FileKind::hdf5;
+    if (source.packed() && (kind == FileKind::hdf5 || kind == FileKind::numpy_archive))
+      throw InputError(path + " is packed by gzip; unpack it, because " +
+                       (kind == FileKind::hdf5 ? "HDF5 files" : "zip archives") +
+                       " are not read from the beginning to the end");
+    if (const std::string advice = advice_for(head); kind == FileKind::unknown && !advice.empty())
+      throw InputError(path + " is " + advice);
   }
-  return matrix;
+};
+
+void refuse_no_dataset(const std::string& path, const std::string& dataset) {
+  if (dataset.empty())
+    throw InputError(
+        path + " is an HDF5 file; say which of its datasets, {file = ..., dataset = \"/name\"}: it holds " +
+        content_of_hdf5(path));
 }
 
-/// Several programs write compressed columns under the same names, and say so in an attribute. Read as rows
-/// they would be a transposed matrix.
-void refuse_columns(hid_t group, const std::string& where) {
-  for (const char* name : {"encoding-type", "h5sparse_format"}) {
-    if (text_attribute(group, name).starts_with("csc"))
-      throw InputError(where + " is stored by columns (" + name + " is csc); store it by rows (csr)");
-  }
-}
-
-SparseEntries read_sparse(hid_t group, const std::string& path, const std::string& name) {
-  const std::string where = place_in(path, name), below = place_in(path, name == "/" ? "" : name) + "/";
-  std::string missing;
-  for (const char* part : {"data", "indices", "indptr"})
-    if (H5Lexists(group, part, H5P_DEFAULT) <= 0)
-      missing += (missing.empty() ? "" : ", ") + std::string(part);
-  if (!missing.empty())
-    throw InputError(where + " is a group without " + missing +
-                     "; a sparse matrix is a group with data, indices, indptr and the attribute shape");
-  refuse_columns(group, where);
-  std::int64_t shape[2] = {0, 0};
-  const Hdf5Attribute attribute(H5Aexists(group, "shape") > 0 ? H5Aopen(group, "shape", H5P_DEFAULT)
-                                                              : H5I_INVALID_HID);
-  const Hdf5Space space(attribute ? H5Aget_space(attribute.get()) : H5I_INVALID_HID);
-  if (!attribute || H5Sget_simple_extent_npoints(space.get()) != 2 ||
-      H5Aread(attribute.get(), H5T_NATIVE_INT64, shape) < 0)
-    throw InputError(where + " should have the attribute shape with two whole numbers, rows and columns");
-  if (shape[0] < 1 || shape[1] < 1 || hsize_t(std::max(shape[0], shape[1])) > most)
-    throw InputError(where + ": the attribute shape is (" + std::to_string(shape[0]) + ", " +
-                     std::to_string(shape[1]) + "); expected 1 to 2147483647 rows and columns");
-
-  const auto part = [&](const char* what) { return open_hdf5_object(group, path, what); };
-  SparseEntries matrix{shape[0], shape[1], {}, {}, {}};
-  matrix.row_starts = read_column<std::int64_t>(part("indptr").get(), below + "indptr", H5T_NATIVE_INT64);
-  matrix.columns = read_column<std::int64_t>(part("indices").get(), below + "indices", H5T_NATIVE_INT64);
-  matrix.values = read_column<double>(part("data").get(), below + "data", H5T_NATIVE_DOUBLE);
-  const auto& starts = matrix.row_starts;
-  const std::size_t count = matrix.values.size();
-  if (starts.size() != std::size_t(shape[0]) + 1)
-    throw InputError(below + "indptr has length " + std::to_string(starts.size()) +
-                     "; expected rows + 1 = " + std::to_string(shape[0] + 1));
-  if (matrix.columns.size() != count)
-    throw InputError(below + "indices has length " + std::to_string(matrix.columns.size()) +
-                     "; expected that of data, " + std::to_string(count));
-  if (starts.front() != 0 || starts.back() != std::int64_t(count))
-    throw InputError(below + "indptr goes from " + std::to_string(starts.front()) + " to " +
-                     std::to_string(starts.back()) + "; expected 0 to the length of data, " +
-                     std::to_string(count));
-  const auto drop = std::is_sorted_until(starts.begin(), starts.end());
-  if (drop != starts.end())
-    throw InputError(below + "indptr should not decrease, found " + std::to_string(*drop) + " after " +
-                     std::to_string(*(drop - 1)) + " at [" + std::to_string(drop - starts.begin()) + "]");
-  const auto bad = std::find_if(matrix.columns.begin(), matrix.columns.end(),
-                                [&](std::int64_t j) { return j < 0 || j >= shape[1]; });
-  if (bad != matrix.columns.end())
-    throw InputError(below + "indices holds column " + std::to_string(*bad) + " at [" +
-                     std::to_string(bad - matrix.columns.begin()) + "]; expected 0 ... " +
-                     std::to_string(shape[1] - 1));
-  sort_rows(matrix);
-  check_finite(matrix.values.data(), matrix.values.size(), below + "data, after summing equal places,", 0, 0);
-  return matrix;
+void refuse_dataset(const std::string& path, const std::string& dataset) {
+  if (!dataset.empty())
+    throw InputError(path + " is not an HDF5 file, nor an archive of NumPy's (.npz), and '" +
+                     printable(dataset) + "' is asked for; leave dataset out");
 }
 
 }  // namespace
 
-SparseEntries read_hdf5_matrix(const std::string& path, const std::string& dataset) {
-  const QuietHdf5 quiet;
-  const Hdf5Guard guard(path);
-  const Hdf5File file = open_hdf5(path);
-  const Hdf5Object object = open_hdf5_object(file.get(), path, dataset);
-  switch (H5Iget_type(object.get())) {
-    case H5I_DATASET:
-      return read_dense(object.get(), place_in(path, dataset));
-    case H5I_GROUP:
-      return read_sparse(object.get(), path, dataset);
+std::string why_no_matrix_file(const std::string& path) {
+  std::error_code failure;
+  if (!std::filesystem::exists(path, failure)) return "there is no file " + path;
+  if (Opened(path).kind == FileKind::unknown) return path + " begins like none of these";
+  return {};
+}
+
+namespace {
+
+Opened open_matrix_file(const std::string& path, const std::string& dataset) {
+  require_file(path, dataset.empty() ? "a file with a matrix or a vector" : "an HDF5 file");
+  return Opened(path);
+}
+
+}  // namespace
+
+std::optional<std::string> datasets_to_choose_from(const std::string& path) {
+  std::error_code failure;
+  if (!std::filesystem::exists(path, failure))
+    return path.ends_with(".h5") ? std::optional("") : std::nullopt;
+  if (Opened(path).kind != FileKind::hdf5) return std::nullopt;
+  return "; " + path + " holds " + content_of_hdf5(path);
+}
+
+SparseEntries read_matrix_file(const std::string& path, const std::string& dataset) {
+  Opened file = open_matrix_file(path, dataset);
+  if (file.kind == FileKind::hdf5) {
+    refuse_no_dataset(path, dataset);
+    return read_hdf5_matrix(path, dataset);
+  }
+  if (file.kind == FileKind::numpy_archive) return read_numpy_archive_matrix(path, dataset);
+  refuse_dataset(path, dataset);
+  switch (file.kind) {
+    case FileKind::numpy:
+      return read_numpy_matrix(file.source);
+    case FileKind::petsc:
+      return read_petsc_matrix(file.source);
     default:
-      throw InputError(place_in(path, dataset) + " is neither a dataset nor a group");
+      return read_matrix_market(file.source);
   }
 }
 
-std::vector<double> read_hdf5_vector(const std::string& path, const std::string& dataset, bool infinity) {
-  const QuietHdf5 quiet;
-  const Hdf5Guard guard(path);
-  const Hdf5File file = open_hdf5(path);
-  const Hdf5Object object = open_hdf5_object(file.get(), path, dataset);
-  return read_column<double>(object.get(), place_in(path, dataset), H5T_NATIVE_DOUBLE, infinity);
-}
-
-void sort_rows(SparseEntries& matrix) {
-  std::vector<std::pair<std::int64_t, double>> row;
-  std::size_t first = 0, kept = 0;
-  for (std::size_t i = 0; i < std::size_t(matrix.rows); ++i) {
-    const auto last = std::size_t(matrix.row_starts[i + 1]);
-    row.clear();
-    for (std::size_t k = first; k < last; ++k)
-      row.emplace_back(matrix.columns[k], matrix.values[k]);
-    const auto before = [](const auto& a, const auto& b) { return a.first < b.first; };
-    // Stable, so that equal places are always summed in the order of the file.
-    if (!std::is_sorted(row.begin(), row.end(), before)) std::stable_sort(row.begin(), row.end(), before);
-    const std::size_t begin = kept;
-    for (const auto& [column, value] : row) {
-      if (kept > begin && matrix.columns[kept - 1] == column) {
-        matrix.values[kept - 1] += value;
-      } else {
-        matrix.columns[kept] = column;
-        matrix.values[kept++] = value;
-      }
-    }
-    first = last;
-    matrix.row_starts[i + 1] = std::int64_t(kept);
+std::vector<double> read_vector_file(const std::string& path, const std::string& dataset, bool infinity) {
+  Opened file = open_matrix_file(path, dataset);
+  if (file.kind == FileKind::hdf5) {
+    refuse_no_dataset(path, dataset);
+    return read_hdf5_vector(path, dataset, infinity);
   }
-  matrix.columns.resize(kept);
-  matrix.values.resize(kept);
+  if (file.kind == FileKind::numpy_archive) return read_numpy_archive_vector(path, dataset, infinity);
+  refuse_dataset(path, dataset);
+  switch (file.kind) {
+    case FileKind::numpy:
+      return read_numpy_vector(file.source, infinity);
+    case FileKind::petsc:
+      return read_petsc_vector(file.source, infinity);
+    default:
+      return as_vector(read_matrix_market(file.source), path);
+  }
 }
 
 }  // namespace sweepvi

@@ -85,4 +85,12 @@ std::string printable_lines(std::string_view text) {
   return with_escapes(text, "\n\t");
 }
 
+std::string in_quotes(std::string_view word, std::size_t most) {
+  std::size_t end = std::min(word.size(), most);
+  // Not in the middle of a character.
+  while (end < word.size() && end > 0 && (static_cast<unsigned char>(word[end]) & 0xc0U) == 0x80U)
+    --end;
+  return "'" + printable(word.substr(0, end)) + (end < word.size() ? "..." : "") + "'";
+}
+
 }  // namespace sweepvi

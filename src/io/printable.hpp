@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 
@@ -14,5 +15,8 @@ std::string printable(std::string_view text);
 
 /// The same, but for ends of lines and tabs, which stay: for texts of several lines.
 std::string printable_lines(std::string_view text);
+
+/// A word of a file in quotes, 'word': at most `most` bytes of it and then "..."; printable.
+std::string in_quotes(std::string_view word, std::size_t most = 40);
 
 }  // namespace sweepvi

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "io/hdf5_handle.hpp"
-#include "io/matrix_file.hpp"
+#include "io/sparse_entries.hpp"
 #include "parallel/gather.hpp"
 #include "petsc/sparse.hpp"
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "io/compressed.hpp"
 #include "io/hdf5_guard.hpp"
 #include "io/hdf5_input.hpp"
 #include "io/recorded.hpp"

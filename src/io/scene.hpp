@@ -9,7 +9,7 @@
 #include <variant>
 #include <vector>
 
-#include "io/matrix_file.hpp"
+#include "io/sparse_entries.hpp"
 #include "model/chain_spec.hpp"
 #include "sweepvi/error.hpp"
 #include "sweepvi/regulator.hpp"

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "io/matrix_file.hpp"
 #include "io/toml_table.hpp"
 #include "sweepvi/error.hpp"
 
@@ -38,37 +39,40 @@ Signal TomlValue::signal(double& phase_spread) const {
   return {number(), 0.0, 0.0, 0.0};
 }
 
-template <class Entries, class FromMarket, class FromHdf5>
-Entries TomlValue::read_file(FromMarket&& from_market, FromHdf5&& from_hdf5) const {
+template <class Read>
+auto TomlValue::read_file(Read&& read) const -> decltype(read(std::string(), std::string())) {
   std::string file;
   std::string dataset;
   if (is_string()) {
     file = path();
-    if (!file.ends_with(".mtx"))
-      fail(fmt::format(
-          "= \"{}\"; expected a MatrixMarket file, \"name.mtx\", or {{file=\"name.h5\", dataset=\"/name\"}}",
-          string()));
   } else {
     const TomlValue file_key = (*this)["file"], dataset_key = (*this)["dataset"];
     refuse_unknown();
     file = file_key.path();
-    dataset = dataset_key.string();
+    dataset = dataset_key.string_or("");
   }
   if (elsewhere()) return {};
+  std::string objection;
+  std::optional<std::string> choice;
   try {
-    return is_string() ? from_market(file) : from_hdf5(file, dataset);
+    if (!is_string() && dataset.empty()) choice = datasets_to_choose_from(file);
+    if (is_string() && !file.ends_with(".mtx")) objection = why_no_matrix_file(file);
+    if (objection.empty() && !choice) return read(file, dataset);
   } catch (const Error& error) {
     throw Error(error.code(), fmt::format("{}: {}: {}", where(), name_, error.what()));
   }
+  if (choice) (*this)["dataset"].fail("is missing; expected a string" + *choice);
+  fail(fmt::format(
+      "= \"{}\"; expected a MatrixMarket file, \"name.mtx\", one of NumPy (.npy, .npz) or of PETSc's binary "
+      "viewer, or {{file=\"name.h5\", dataset=\"/name\"}}; {}",
+      string(), objection));
 }
 
 std::vector<double> TomlValue::read_numbers(bool infinity) const {
   if (names_file()) {
-    auto values = read_file<std::vector<double>>(
-        [](const std::string& file) { return read_matrix_market_vector(file); },
-        [infinity](const std::string& file, const std::string& dataset) {
-          return read_hdf5_vector(file, dataset, infinity);
-        });
+    auto values = read_file([infinity](const std::string& file, const std::string& dataset) {
+      return read_vector_file(file, dataset, infinity);
+    });
     for (std::size_t i = 0; i < values.size(); ++i)
       if (std::isnan(values[i]) || (std::isinf(values[i]) && !infinity))
         fail(fmt::format("has entry {} = {} in its file; expected {}", i, values[i],
@@ -122,9 +126,8 @@ std::vector<Signal> TomlValue::read_signals(bool infinity) const {
 
 SparseEntries TomlValue::matrix() const {
   if (names_file()) {
-    auto entries = read_file<SparseEntries>(
-        [](const std::string& file) { return read_matrix_market(file); },
-        [](const std::string& file, const std::string& dataset) { return read_hdf5_matrix(file, dataset); });
+    auto entries = read_file(
+        [](const std::string& file, const std::string& dataset) { return read_matrix_file(file, dataset); });
     for (const double value : entries.values)
       if (!std::isfinite(value))
         fail(fmt::format("has an entry {} in its file; expected finite numbers", value));

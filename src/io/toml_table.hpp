@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "io/matrix_file.hpp"
+#include "io/sparse_entries.hpp"
 #include "sweepvi/signal.hpp"
 
 namespace sweepvi {
@@ -43,7 +43,8 @@ public:
   bool is_string() const;
   bool is_array() const;
   bool is_table() const;
-  /// It is the name of a matrix or vector kept in a file: a string, or {file, dataset}.
+  /// It is the name of a matrix or vector kept in a file: a string, or {file, dataset}, the dataset where one
+  /// is needed.
   bool names_file() const;
   /// It came from `--set`.
   bool overridden() const;
@@ -97,8 +98,9 @@ private:
   double checked(bool infinity) const;
   std::vector<double> read_numbers(bool infinity) const;
   std::vector<Signal> read_signals(bool infinity) const;
-  template <class Entries, class FromMarket, class FromHdf5>
-  Entries read_file(FromMarket&& from_market, FromHdf5&& from_hdf5) const;
+  /// read(file, dataset), with this value's place in complaints; nothing if the file is elsewhere().
+  template <class Read>
+  auto read_file(Read&& read) const -> decltype(read(std::string(), std::string()));
 
   std::shared_ptr<Document> document_;
   const void*

@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "io/matrix_file.hpp"
+#include "io/sparse_entries.hpp"
 #include "sweepvi/element.hpp"
 #include "sweepvi/regulator.hpp"
 #include "sweepvi/signal.hpp"

@@ -128,8 +128,8 @@ void Submission::begin_file(const std::string& name) {
   if (std::any_of(uploads_.begin(), uploads_.end(),
                   [&](const Upload& upload) { return upload.name == name; }))
     Description::refuse("two files have the same name");
-  // Readers tell MatrixMarket from HDF5 by it.
-  const char* kind = name.ends_with(".mtx") ? "mtx" : "h5";
+  // Who reads it tells by its content what it is; one that is called .mtx is complained about as such.
+  const char* kind = name.ends_with(".mtx") ? "mtx" : "data";
   uploads_.push_back({name, fmt::format("upload-{}.{}", uploads_.size(), kind), {}});
   file_.open(folder_ / uploads_.back().path, std::ios::binary | std::ios::trunc);
   digest_ = std::make_unique<Digest>();

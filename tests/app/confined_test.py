@@ -44,7 +44,15 @@ class Confined(InFolder):
         self.assertEqual(self.check().code, 0)
         (self.folder / "A.mtx").unlink()
         self.assertEqual(self.check(verb="run").code, 0)
+        (self.folder / "scene.h5").unlink()
         self.assertEqual(program.run("check", "scene.toml", cwd=self.folder).code, 2)  # where nothing is confined
+        np.savez(self.folder / "A.data", np.array([[0.0, 1.0], [0.0, 0.0]]))
+        self.allow({"A.mtx": "A.data.npz", "A.npz": "A.data.npz"})  # what it is its content tells
+        for name in ("A.mtx", "A.npz"):
+            self.assertEqual(self.check("--set", f"model.A={name}", verb="run").code, 0)
+            (self.folder / "scene.h5").unlink()
+        self.refused(self.check("--set", "model.A=A.data.npz"), "no file that came")
+        self.allow({"A.mtx": "0.mtx"})
         self.refused(self.check("--set", "model.A=0.mtx"), "no file that came")
         self.refused(self.check("--set", 'model.C={file="0.mtx", dataset="/C"}'), "no file that came")
 

@@ -46,6 +46,9 @@ TEST(Corpus, Problems) {
 TEST(Corpus, MatrixMarket) {
   replay("matrix_market", matrix_market);
 }
+TEST(Corpus, Data) {
+  replay("data", data);
+}
 TEST(Corpus, Hdf5) {
   replay("hdf5", hdf5);
 }

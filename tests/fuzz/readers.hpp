@@ -161,8 +161,18 @@ inline void problem(const Folder& folder, std::string_view bytes) {
 inline void matrix_market(const Folder& folder, std::string_view bytes) {
   const std::string path = folder.file("m.mtx", bytes);
   if (!folder.root()) return;
-  refuse_or_read([&] { verify(read_matrix_market(path)); });
-  refuse_or_read([&] { expect(!read_matrix_market_vector(path).empty(), "a vector without entries"); });
+  refuse_or_read([&] { verify(read_matrix_file(path)); });
+  refuse_or_read([&] { expect(!read_vector_file(path).empty(), "a vector without entries"); });
+}
+
+/// What NumPy, SciPy and PETSc write, and what gzip packs.
+inline void data(const Folder& folder, std::string_view bytes) {
+  const std::string path = folder.file("m.data", bytes);
+  if (!folder.root()) return;
+  for (const char* name : {"", "A"}) {
+    refuse_or_read([&] { verify(read_matrix_file(path, name)); });
+    refuse_or_read([&] { read_vector_file(path, name, true); });
+  }
 }
 
 /// Every name that a seed uses, as a matrix and as a vector.

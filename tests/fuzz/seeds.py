@@ -4,12 +4,15 @@
 usage: seeds.py FOLDER
 """
 
+import gzip
+import io
 import shutil
 import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
+import scipy.sparse as sp
 
 TESTS = Path(__file__).resolve().parents[1]
 EXAMPLES = TESTS.parent / "examples"
@@ -98,6 +101,11 @@ MARKET_FORMS = {
     "integer": "%%MatrixMarket MATRIX coordinate integer general\r\n2 1 1\r\n2 1 7\r\n",
     "array": "%%MatrixMarket matrix array real general\n2 2\n1 2\n3\n1e-400\n",
     "array_symmetric": "%%MatrixMarket matrix array real symmetric\n2 2\n1\n2\n3\n",
+    "fortran": "\ufeff%%MatrixMarket matrix array double general\n3 1\n1.5D+00\n.5d-3 % c\n1.5-103\n",
+    "upper": "%%MatrixMarket matrix coordinate real symmetric\n3 3 4\n1 1 2\n1 2 -1\n3 2 2\n3 3 1\n",
+    "both_triangles": "%%MatrixMarket matrix coordinate real symmetric\n2 2 2\n1 2 -1\n2 1 -1\n",
+    "skew_zeros": "%%MatrixMarket matrix coordinate unsigned-integer skew-symmetric\n2 2 3\n1 1 0\n1 2 7\n2 2 0\n",
+    "array_skew": "%%MatrixMarket matrix array real skew-symmetric\n2 2\n0\n1\n0\n",
     "wide": "%%MatrixMarket matrix coordinate real general\n1 2147483647 1\n1 2147483647 1\n",
 }
 
@@ -126,6 +134,20 @@ HDF5_FORMS = {
     "sparse": lambda f: group(f, "g"),
     "sparse_root": lambda f: group(f, "/"),
     "columns": lambda f: group(f, "g", h5sparse_format="csc"),
+    "columns_h5sparse": lambda f: group(f, "g", h5sparse_format="csc", h5sparse_shape=(3, 3)),
+    "format_text": lambda f: (group(f, "g"), f.__setitem__("g/format", "csc")),
+    "coordinates": lambda f: parts(f.create_group("g"), dict(row=[0, 2, 0], col=[0, 1, 0], data=[1.0, 2.0, 3.0]),
+                                   dict(shape=(3, 3), format="coo")),
+    "matlab": lambda f: f.create_dataset("A", data=DENSE).attrs.__setitem__("MATLAB_class", np.bytes_("double")),
+    "matlab_sparse": lambda f: parts(f.create_group("g"), dict(jc=[0, 1, 3], ir=[0, 0, 2], data=[1.0, 2.0, 3.0]),
+                                     dict(MATLAB_sparse=3)),
+    "julia_sparse": lambda f: parts(f.create_group("g"), dict(m=3, n=2, colptr=[1, 2, 4], rowval=[1, 1, 3],
+                                                              nzval=[1.0, 2.0, 3.0]), {}),
+    "octave": lambda f: parts(f.create_group("A"), dict(type=np.bytes_("matrix"), value=DENSE), dict(OCTAVE_NEW_FORMAT=1)),
+    "octave_sparse": lambda f: parts(f.create_group("A"), {
+        "type": np.bytes_("sparse matrix"), "value/nr": 3, "value/nc": 2, "value/cidx": [[0], [1], [3]],
+        "value/ridx": [[0], [0], [2]], "value/data": [[1.0], [2.0], [3.0]]}, dict(OCTAVE_NEW_FORMAT=1)),
+    "truth": lambda f: f.create_dataset("A", data=DENSE > 0),
     "columns_fixed": lambda f: group(f, "g", **{"encoding-type": np.bytes_("csc_matrix")}),
     "format_in_words": lambda f: group(f, "g", h5sparse_format=["csc"] * 100),
     "link": lambda f: (f.create_dataset("B", data=DENSE), f.__setitem__("A", h5py.SoftLink("/B"))),
@@ -134,6 +156,12 @@ HDF5_FORMS = {
     "type": lambda f: f.__setitem__("A", np.dtype("f8")),
     "compact": lambda f: compact(f),
 }
+
+
+def parts(group, datasets, attributes):
+    for name, value in datasets.items():
+        group[name] = value
+    group.attrs.update(attributes)
 
 
 def compact(file):
@@ -231,18 +259,66 @@ TABLE_FORMS = {
 }
 
 
+def saved(save, *arguments, **named):
+    file = io.BytesIO()
+    save(file, *arguments, **named)
+    return file.getvalue()
+
+
+def head(version):
+    return saved(lambda file: np.lib.format.write_array(file, DENSE, version=version))
+
+
+def petsc(integers, *objects):
+    """Lists of whole numbers are integers of the given type, arrays of reals scalars."""
+    return b"".join(np.array(o, integers if isinstance(o, list) else ">f8").tobytes() for o in objects)
+
+
+SPARSE = sp.csr_matrix(DENSE)
+AIJ = ([1211216, 3, 3, 7], np.diff(SPARSE.indptr).tolist(), SPARSE.indices.tolist(), SPARSE.data)
+
+# Files whose first bytes tell what they are.
+DATA_FORMS = {
+    "npy": saved(np.save, DENSE),
+    "npy_fortran": saved(np.save, np.asfortranarray(DENSE, ">f4")),
+    "npy_half": saved(np.save, DENSE.astype("f2")),
+    "npy_truth": saved(np.save, DENSE > 0),
+    "npy_integers": saved(np.save, np.arange(4, dtype=">i2")),
+    "npy_2": head((2, 0)),
+    "npy_complex": saved(np.save, DENSE + 1j),
+    "npy_objects": saved(np.save, np.array([[None]])),
+    "npz": saved(np.savez, DENSE),
+    "npz_packed": saved(np.savez_compressed, A=DENSE, v=np.arange(3.0)),
+    **{f"npz_{kind}": saved(sp.save_npz, SPARSE.asformat(kind)) for kind in ("csr", "csc", "coo", "bsr", "dia")},
+    **{f"npz_{kind}_plain": saved(sp.save_npz, SPARSE.asformat(kind), compressed=False)
+       for kind in ("csr", "csc", "coo", "bsr", "dia")},
+    "petsc": petsc(">i4", *AIJ),
+    "petsc_64": petsc(">i8", *AIJ),
+    "petsc_dense": petsc(">i4", [1211216, 3, 3, -1], DENSE),
+    "petsc_vector": petsc(">i4", [1211214, 3], np.arange(3.0)),
+    "petsc_several": petsc(">i4", [1211218, 2, 5, 6], *AIJ, [1211214, 3], np.arange(3.0)),
+    "petsc_complex": petsc(">i4", [1211214, 3], np.arange(6.0)),
+    "market_gz": gzip.compress(MARKET_FORMS["general"].encode()),
+    "npy_gz": gzip.compress(saved(np.save, DENSE)),
+    "petsc_gz": gzip.compress(petsc(">i4", *AIJ)),
+    "matlab_5": b"MATLAB 5.0 MAT-file, Platform: GLNXA64",
+}
+
+
 def texts(folder, forms):
     for name, text in forms.items():
         (folder / name).write_text(text)
 
 
 def main():
-    folders = {name: Path(sys.argv[1]) / name for name in ("scene", "problem", "matrix_market", "hdf5", "recorded")}
+    folders = {name: Path(sys.argv[1]) / name for name in ("scene", "problem", "matrix_market", "data", "hdf5", "recorded")}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
     texts(folders["scene"], SCENE_FORMS)
     texts(folders["problem"], PROBLEM_FORMS)
     texts(folders["matrix_market"], MARKET_FORMS)
+    for name, content in DATA_FORMS.items():
+        (folders["data"] / name).write_bytes(content)
     for path in [*EXAMPLES.rglob("*.toml"), *(TESTS / "scenes/broken").glob("*.toml")]:
         reader = "problem" if "[problem]" in path.read_text(errors="replace") else "scene"
         shutil.copy(path, folders[reader] / f"{path.parent.name}_{path.stem}")

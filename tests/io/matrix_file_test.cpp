@@ -1,5 +1,6 @@
 // ranks: 1 2 3
 #include "io/matrix_fixture.hpp"
+#include "io/printable.hpp"
 
 // MatrixMarket files; HDF5 files are in hdf5_matrix_test.cpp.
 
@@ -32,7 +33,7 @@ TEST_F(MatrixFileTest, MatrixMarketForms) {
       {"%%MatrixMarket matrix array real general\n1 2\n1e-400\n4.9e-324\n", {0, 4.9e-324}},
   };
   for (const Case& c : cases) {
-    const SparseEntries matrix = read_matrix_market(file(c.text));
+    const SparseEntries matrix = read_matrix_file(file(c.text));
     ASSERT_EQ(matrix.cols, 2) << c.text;
     EXPECT_EQ(dense(matrix), c.expected) << c.text;
   }
@@ -40,9 +41,9 @@ TEST_F(MatrixFileTest, MatrixMarketForms) {
 
 TEST_F(MatrixFileTest, ZerosAreKeptWhereTheyAreNamed) {
   EXPECT_EQ(
-      read_matrix_market(file("%%MatrixMarket matrix coordinate real general\n1 2 1\n1 1 0\n")).values.size(),
+      read_matrix_file(file("%%MatrixMarket matrix coordinate real general\n1 2 1\n1 1 0\n")).values.size(),
       1u);
-  EXPECT_EQ(read_matrix_market(file("%%MatrixMarket matrix array real general\n1 2\n1\n0\n")).values.size(),
+  EXPECT_EQ(read_matrix_file(file("%%MatrixMarket matrix array real general\n1 2\n1\n0\n")).values.size(),
             1u);
 }
 
@@ -101,8 +102,8 @@ TEST_F(MatrixFileTest, MalformedMatrixMarket) {
       {"%%MatrixMarket matrix coordinate integer general\n2 2 1\n1 1 1.5\n", 3, "says integer, found '1.5'"},
       {"%%MatrixMarket matrix coordinate pattern general\n2 2 1\n1 1 1\n", 3, "expected ROW COLUMN"},
       {"%%MatrixMarket matrix coordinate real symmetric\n2 3 1\n1 1 1\n", 2, "should be square"},
-      {"%%MatrixMarket matrix coordinate real symmetric\n2 2 1\n1 2 1\n", 3,
-       "(1, 2) lies above the diagonal"},
+      {"%%MatrixMarket matrix coordinate real symmetric\n2 2 2\n1 2 1\n2 1 1\n", 5,
+       "(1, 2) is given on both sides of the diagonal"},
       {"%%MatrixMarket matrix coordinate real skew-symmetric\n2 2 1\n1 1 1\n", 3, "lies on the diagonal"},
       {array + "2\n", 2, "number of columns"},
       {array + "2 1 2\n1\n2\n", 2, "expected the size, ROWS COLUMNS"},
@@ -112,15 +113,23 @@ TEST_F(MatrixFileTest, MalformedMatrixMarket) {
       {"%%MatrixMarket matrix array real symmetric\n2 2\n1\n2\n3\n4\n", 6, "more values than the 3"},
   };
   for (const Case& c : cases) {
-    const std::string message = complaint([&] { read_matrix_market(file(c.text)); });
+    const std::string message = complaint([&] { read_matrix_file(file(c.text)); });
     EXPECT_NE(message.find(c.message), std::string::npos) << c.text << "\n-> " << message;
     EXPECT_TRUE(message.starts_with(path("m.mtx") + ":" + std::to_string(c.line) + ": "))
         << c.text << "\n-> " << message;
   }
   const std::string huge = real + "1 1 2\n1 1 1e308\n1 1 1e308\n";
-  EXPECT_NE(complaint([&] { read_matrix_market(file(huge)); }).find("sum to more"), std::string::npos);
-  EXPECT_NE(complaint([&] { read_matrix_market(path("none.mtx")); }).find("no such file"), std::string::npos);
-  EXPECT_NE(complaint([&] { read_matrix_market(folder_.string()); }).find("is a folder"), std::string::npos);
+  EXPECT_NE(complaint([&] { read_matrix_file(file(huge)); }).find("sum to more"), std::string::npos);
+  EXPECT_NE(complaint([&] { read_matrix_file(path("none.mtx")); }).find("no such file"), std::string::npos);
+  EXPECT_NE(complaint([&] { read_matrix_file(folder_.string()); }).find("is a folder"), std::string::npos);
+}
+
+TEST(InQuotes, LongWordsEndBetweenCharactersAndOnOneLine) {
+  EXPECT_EQ(in_quotes("short"), "'short'");
+  EXPECT_EQ(in_quotes("two\nlines\x1b"), "'two\\nlines\\x1b'");
+  EXPECT_EQ(in_quotes("abcd\xc3\xa9 and more", 5), "'abcd...'");
+  EXPECT_EQ(in_quotes("abcd\xc3\xa9 and more", 6), "'abcd\xc3\xa9...'");
+  EXPECT_EQ(in_quotes("\x80\x80\x80", 2), "'...'");
 }
 
 TEST_F(MatrixFileTest, ALargeMatrixMarketFile) {
@@ -132,7 +141,7 @@ TEST_F(MatrixFileTest, ALargeMatrixMarketFile) {
     text += std::to_string(i) + " " + std::to_string(i) + " 2\n";
     if (i > 1) text += std::to_string(i) + " " + std::to_string(i - 1) + " -1\n";
   }
-  const SparseEntries matrix = read_matrix_market(file(text));
+  const SparseEntries matrix = read_matrix_file(file(text));
   ASSERT_EQ(matrix.values.size(), std::size_t(3 * n - 2));
   for (int i = 1; i < n - 1; ++i) {
     const auto k = std::size_t(matrix.row_starts[std::size_t(i)]);
@@ -146,13 +155,12 @@ TEST_F(MatrixFileTest, ALargeMatrixMarketFile) {
 
 TEST_F(MatrixFileTest, MatrixMarketVectors) {
   const std::string array = "%%MatrixMarket matrix array real general\n";
-  EXPECT_EQ(read_matrix_market_vector(file(array + "3 1\n1\n0\n3\n")), (Values{1, 0, 3}));
-  EXPECT_EQ(read_matrix_market_vector(file(array + "1 3\n1\n0\n3\n")), (Values{1, 0, 3}));
-  EXPECT_EQ(read_matrix_market_vector(file("%%MatrixMarket matrix coordinate real general\n4 1 1\n3 1 5\n")),
+  EXPECT_EQ(read_vector_file(file(array + "3 1\n1\n0\n3\n")), (Values{1, 0, 3}));
+  EXPECT_EQ(read_vector_file(file(array + "1 3\n1\n0\n3\n")), (Values{1, 0, 3}));
+  EXPECT_EQ(read_vector_file(file("%%MatrixMarket matrix coordinate real general\n4 1 1\n3 1 5\n")),
             (Values{0, 0, 5, 0}));
-  EXPECT_EQ(read_matrix_market_vector(file(array + "1 1\n7\n")), (Values{7}));
-  const std::string message =
-      complaint([&] { read_matrix_market_vector(file(array + "2 2\n1\n2\n3\n4\n")); });
+  EXPECT_EQ(read_vector_file(file(array + "1 1\n7\n")), (Values{7}));
+  const std::string message = complaint([&] { read_vector_file(file(array + "2 2\n1\n2\n3\n4\n")); });
   EXPECT_NE(message.find("holds a 2 x 2 matrix"), std::string::npos) << message;
 }
 

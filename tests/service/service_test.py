@@ -4,6 +4,7 @@
 
 import base64
 import hashlib
+import gzip
 import json
 import subprocess
 import sys
@@ -91,8 +92,9 @@ class Jobs(InService):
         h5 = self.folder / "m.h5"
         with h5py.File(h5, "w") as file:
             file["B"] = np.array([[0.0], [1.0]])
-        files = {"../../A.mtx": A_MTX, "m.h5": h5.read_bytes()}
-        number = self.accepted(self.daemon.submit(FROM_FILES, files))
+        np.savez(self.folder / "c.npz", np.array([[1.0, 0.0]]))
+        files = {"../../A.mtx": gzip.compress(A_MTX), "m.h5": h5.read_bytes(), "c": (self.folder / "c.npz").read_bytes()}
+        number = self.accepted(self.daemon.submit(FROM_FILES.replace("[[1, 0]]", '"c"'), files))
         job = self.daemon.wait(number)
         self.assertEqual(job["state"], "done", job)
         result = self.daemon.fetch(number, self.folder / "result.h5")

@@ -1,0 +1,3 @@
+#include "target.hpp"
+
+SWEEPVI_FUZZ_TARGET(data)
