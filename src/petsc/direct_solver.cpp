@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "petsc/gathered_lu.hpp"
+#include "petsc/guarded_setup.hpp"
 
 namespace sweepvi {
 
@@ -64,6 +65,13 @@ void default_to_mumps(KSP ksp) {
     check(PCSetType(preconditioner, PCLU));
     check(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
   }
+}
+
+void configure(KSP ksp) {
+  default_to_mumps(ksp);
+  check_options(KSPSetFromOptions(ksp));
+  check(KSPSetErrorIfNotConverged(ksp, PETSC_FALSE));
+  guard_setup(ksp);
 }
 
 void check_factorization(PC pc, Mat matrix) {
@@ -154,6 +162,7 @@ bool solve(KSP ksp, Mat matrix, Vec right, Vec solution) {
     KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
     check(KSPGetConvergedReason(ksp, &reason));
     if (reason > 0) return true;
+    check_setup(ksp);
     again = recover(ksp);
     check(KSPSetOperators(ksp, matrix, matrix));
   }

@@ -10,6 +10,10 @@ namespace sweepvi {
 /// database unless they are there.
 void default_to_mumps(KSP ksp);
 
+/// These defaults, then the options database, with failures as results (petsc/guarded_setup.hpp).
+/// @note Collective.
+void configure(KSP ksp);
+
 /// @throws Error (bad_input) if the package chosen for an LU cannot factor `matrix`: it would only show in
 /// the first step @note Collective.
 void check_factorization(PC pc, Mat matrix);
@@ -29,8 +33,8 @@ bool recover(KSP ksp);
 double mumps_flops(KSP ksp);
 
 /// Solves `matrix` `solution` = `right` with a solver whose operator `matrix` is, trying again where
-/// `recover` helps. @return false if that fails; the solver is then empty and will factor anew. @note
-/// Collective.
+/// `recover` helps. @return false if that fails; the solver is then empty and will factor anew.
+/// @throws Error (bad_input) if the preconditioner chosen cannot be used like that @note Collective.
 bool solve(KSP ksp, Mat matrix, Vec right, Vec solution);
 
 }  // namespace sweepvi

@@ -9,13 +9,14 @@
 #include <vector>
 
 #include "petsc/event_counts.hpp"
+#include "petsc/petsc_text.hpp"
 #include "sweepvi/petsc.hpp"
 
 namespace sweepvi {
 
 namespace {
-
 bool petsc_has_failed = false;
+}  // namespace
 
 std::string petsc_text(PetscErrorCode code) {
   const char* text = nullptr;
@@ -25,8 +26,6 @@ std::string petsc_text(PetscErrorCode code) {
   if (specific != nullptr && *specific != '\0') message += std::string(": ") + specific;
   return message;
 }
-
-}  // namespace
 
 bool unwinding_after_petsc_error() noexcept {
   return petsc_has_failed && std::uncaught_exceptions() > 0;

@@ -34,9 +34,7 @@ ProximalNewton::ProximalNewton(const Problem& problem)
   active_.assign(faces, 0);
   check(KSPCreate(comm_, solver_.put()));
   check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
-  default_to_mumps(solver_.get());
-  check_options(KSPSetFromOptions(solver_.get()));
-  check(KSPSetErrorIfNotConverged(solver_.get(), PETSC_FALSE));  // failing is a result
+  configure(solver_.get());  // failing is a result
   renew();
 }
 

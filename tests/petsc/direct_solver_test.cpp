@@ -11,6 +11,7 @@
 
 #include "dvi/systems.hpp"
 #include "petsc/gathered_lu.hpp"
+#include "petsc/guarded_setup.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -35,9 +36,7 @@ LinearSolver make_solver(Mat matrix) {
   LinearSolver solver;
   check(KSPCreate(PETSC_COMM_WORLD, solver.put()));
   check(KSPSetOperators(solver.get(), matrix, matrix));
-  default_to_mumps(solver.get());
-  check(KSPSetFromOptions(solver.get()));
-  check(KSPSetErrorIfNotConverged(solver.get(), PETSC_FALSE));
+  configure(solver.get());
   return solver;
 }
 
@@ -246,6 +245,46 @@ TEST(DirectSolver, SaysOnAllRanksThatAMatrixIsSingular) {
   EXPECT_FALSE(solve(solver.get(), matrix.get(), right.get(), solution.get()));
   check(MatCopy(good.get(), matrix.get(), SAME_NONZERO_PATTERN));  // and goes on
   EXPECT_LE(backward_error(solver.get(), matrix.get()), 1e-14);
+}
+
+// KLU raises an error then, and in the second case on one rank only.
+TEST(DirectSolver, AnErrorOfThePackageIsAFailureOnAllRanks) {
+  Matrix empty;
+  PetscBool available = PETSC_FALSE;
+  check(MatCreateSeqAIJ(PETSC_COMM_SELF, 0, 0, 0, nullptr, empty.put()));
+  check(MatGetFactorAvailable(empty.get(), MATSOLVERKLU, MAT_FACTOR_LU, &available));
+  if (available == PETSC_FALSE) GTEST_SKIP() << "PETSc has no KLU";
+  for (const char* type : {"gathered", "bjacobi"}) {
+    const ScopedOption chosen("-pc_type", type);
+    const ScopedOption package("-pc_factor_mat_solver_type", "klu");
+    const ScopedOption sub_type("-sub_pc_type", "lu");
+    const ScopedOption sub_package("-sub_pc_factor_mat_solver_type", "klu");
+    const Matrix matrix = saddle(20, 12);
+    check(MatSetOption(matrix.get(), MAT_KEEP_NONZERO_PATTERN, PETSC_TRUE));
+    const LocalRange mine = row_range(matrix.get());
+    const PetscInt zero_row = 6;
+    check(MatZeroRows(matrix.get(), mine.contains(zero_row) ? 1 : 0, &zero_row, 0.0, nullptr, nullptr));
+    const LinearSolver solver = make_solver(matrix.get());
+    const Vector right = some_vector(matrix.get());
+    const Vector solution = duplicate(right.get());
+    EXPECT_FALSE(solve(solver.get(), matrix.get(), right.get(), solution.get())) << type;
+  }
+}
+
+TEST(DirectSolver, APreconditionerThatCannotBeSetUpIsBadInput) {
+  const ScopedOption chosen("-pc_type", "fieldsplit");  // and no splits
+  const Matrix matrix = saddle(4, 11);
+  const LinearSolver solver = make_solver(matrix.get());
+  const Vector right = some_vector(matrix.get());
+  const Vector solution = duplicate(right.get());
+  EXPECT_THROW(try_preconditioner(solver.get(), matrix.get()), Error);
+  try {
+    static_cast<void>(solve(solver.get(), matrix.get(), right.get(), solution.get()));
+    FAIL() << "no error";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ExitCode::bad_input);
+    EXPECT_NE(std::string(error.what()).find("fieldsplit"), std::string::npos) << error.what();
+  }
 }
 
 TEST(DirectSolver, MakesRoomWhereMumpsRunsOutOfWorkspace) {
