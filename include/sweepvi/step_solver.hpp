@@ -14,6 +14,7 @@ class RowSweeps;
 class PathPredictor;
 class Certificate;
 class JudgedPoint;
+class InteriorPoint;
 class OuterLinearisation;
 class Predictor;
 
@@ -54,10 +55,12 @@ enum class Rung : int {
   other_type_cold_start,  ///< the other type from there
   pivoting,               ///< small problems: outer linearisation, whose affine VIs Lemke's method solves
   pivoting_cold_start,    ///< the same from the projection of zero
-  enumeration,   ///< very small ones: its affine VIs by other starts of Lemke's method, then by trying
-                 ///< for each unknown whether it is at a bound
-  smaller_step,  ///< several smaller steps in place of one
-  hybrid         ///< an interval of the hybrid scheme, which takes steps only where it must
+  enumeration,     ///< very small ones: its affine VIs by other starts of Lemke's method, then by trying
+                   ///< for each unknown whether it is at a bound
+  interior_point,  ///< an interior-point method and proximal steps, for degenerate monotone problems of any
+                   ///< size; before the cold starts where the problem is too large for pivoting
+  smaller_step,    ///< several smaller steps in place of one
+  hybrid           ///< an interval of the hybrid scheme, which takes steps only where it must
 };
 
 /// What came of a step.
@@ -135,10 +138,18 @@ public:
   /// Collective.
   void return_to(const Step& step, Vec point);
 
-  static constexpr std::array<const char*, 10> rung_names = {
-      "predictor",           "chosen",      "other_type",   "cold_start", "other_type_cold_start", "pivoting",
-      "pivoting_cold_start", "enumeration", "smaller_step", "hybrid"};  ///< by Rung
-  using Rungs = std::array<std::int64_t, rung_names.size()>;            ///< steps certified by each
+  static constexpr std::array<const char*, 11> rung_names = {"predictor",
+                                                             "chosen",
+                                                             "other_type",
+                                                             "cold_start",
+                                                             "other_type_cold_start",
+                                                             "pivoting",
+                                                             "pivoting_cold_start",
+                                                             "enumeration",
+                                                             "interior_point",
+                                                             "smaller_step",
+                                                             "hybrid"};  ///< by Rung
+  using Rungs = std::array<std::int64_t, rung_names.size()>;             ///< steps certified by each
 
 private:
   static PetscErrorCode form_function(SNES, Vec, Vec, void*);
@@ -153,6 +164,8 @@ private:
   double settled_ratio(Vec u);
   double settle();
   bool predict();
+  bool predict_interior();
+  InteriorPoint& interior();
   bool sweep();
   bool prepare_sweeps(const AffineStep& affine);
   bool prepare_block_sweeps(const AffineStep& affine);
@@ -162,6 +175,7 @@ private:
   std::vector<Rung> ladder(bool brief);
   PetscInt attempt(Rung rung, std::string& reason);
   PetscInt attempt_snes(Rung rung, std::string& reason);
+  PetscInt attempt_interior(std::string& reason);
   PetscInt attempt_pivoting(Rung rung, std::string& reason);
   double polish();
   void start_from(bool cold);
@@ -185,6 +199,7 @@ private:
   std::unique_ptr<PathPredictor> paths_;
   std::unique_ptr<Predictor> predictor_;
   std::unique_ptr<OuterLinearisation> pivoting_;  // from the first step that needs it
+  std::unique_ptr<InteriorPoint> interior_;       // likewise
   Vector u_, f_, lower_, upper_, guess_;
   Vector settled_;                  // what a point of SNES settles to
   bool at_guess_ = false;           // u_ is where SNES shall start
@@ -196,6 +211,7 @@ private:
   double previous_ratio_ = 0.0;
   int failed_solves_ = 0;  // attempts of this step that ended in a linear system
   PCFailedReason failure_ = PC_NOERROR;
+  std::string setup_error_;  // PETSc's own words on that, if it raised an error
   std::exception_ptr parked_;
   std::unique_ptr<Events> events_;
 };

@@ -1,5 +1,8 @@
 #include "vi/predictor.hpp"
 
+#include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -10,6 +13,8 @@ namespace sweepvi {
 
 namespace {
 constexpr int most_iterations = 30;    // the sets of a step settle in a few; a cycle never does
+constexpr int settled_by = 8;          // in an ordinary step
+constexpr int most_one_way = 3;        // changes of the sets in a row, when they have not settled by then
 constexpr double refine_below = 1e-6;  // a ratio that wrong sets do not reach
 
 double sign_of(Degenerate degenerate) {
@@ -24,9 +29,7 @@ Predictor::Predictor(Dvi& problem, Mat pattern) : problem_(problem) {
     *vector = duplicate(problem.state());
   check(KSPCreate(problem.comm(), solver_.put()));
   check(KSPSetOperators(solver_.get(), jacobian_.get(), jacobian_.get()));
-  default_to_mumps(solver_.get());
-  check_options(KSPSetFromOptions(solver_.get()));
-  check(KSPSetErrorIfNotConverged(solver_.get(), PETSC_FALSE));  // a bad guess is no failure
+  configure(solver_.get());  // a bad guess is no failure
 }
 
 // Finds the rows at a bound. Returns true if the factorization is not that of this set and Jacobian.
@@ -88,22 +91,73 @@ bool Predictor::advance(Vec u) {
   return true;
 }
 
-bool Predictor::improve(Vec u, Vec lower, Vec upper, double target, const Ratio& ratio) {
+// Of the sets, from those of the last iteration.
+Predictor::Change Predictor::change() {
+  std::array<int, 2> some = {0, 0};
+  auto then = before_.begin();
+  for (const Bound& now : active_) {
+    for (; then != before_.end() && then->row < now.row; ++then)
+      some[1] = 1;
+    if (then != before_.end() && then->row == now.row) {
+      if (then->value != now.value) some = {1, 1};
+      ++then;
+    } else {
+      some[0] = 1;
+    }
+  }
+  if (then != before_.end()) some[1] = 1;
+  MPI_Allreduce(MPI_IN_PLACE, some.data(), 2, MPI_INT, MPI_LOR, problem_.comm());
+  return {some[0] != 0, some[1] != 0};
+}
+
+// Equal for equal sets, on all ranks.
+std::uint64_t Predictor::fingerprint() const {
+  std::uint64_t sum = 0;
+  for (const Bound& bound : active_) {
+    std::uint64_t mixed =
+        std::bit_cast<std::uint64_t>(bound.value) ^ (static_cast<std::uint64_t>(bound.row) << 1U);
+    for (const std::uint64_t factor : {0xbf58476d1ce4e5b9U, 0x94d049bb133111ebU}) {  // splitmix64
+      mixed = (mixed ^ (mixed >> 30U)) * factor;
+      mixed ^= mixed >> 27U;
+    }
+    sum += mixed;
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &sum, 1, MPI_UINT64_T, MPI_SUM, problem_.comm());
+  return sum;
+}
+
+Predictor::Outcome Predictor::improve(Vec u, Vec lower, Vec upper, double target, const Ratio& ratio) {
   double reached = std::numeric_limits<double>::infinity();
   bool refining = false;  // the sets are right: with them kept, rounding in degenerate rows cannot flip them
+  std::vector<std::uint64_t> seen;
+  bool came_back = false;
+  int one_way = 0;
+  Change last;
   for (int iteration = 0; iteration < most_iterations; ++iteration) {
     const double previous = reached;
+    const bool late = iteration >= settled_by;
+    if (late) before_ = active_;
     problem_.residual(u, f_.get());
     const bool changed = !refining && classify(u, lower, upper);
+    if (late && changed) {
+      const Change now = change();
+      const bool turns = (now.entered || last.entered) && (now.left || last.left);
+      one_way = turns ? 0 : one_way + 1;
+      last = now;
+      if (one_way > most_one_way) return Outcome::creeping;
+      const std::uint64_t print = fingerprint();
+      came_back = came_back || std::find(seen.begin(), seen.end(), print) != seen.end();
+      seen.push_back(print);
+    }
     if (changed) factor(u);
-    if (!advance(u)) return false;
+    if (!advance(u)) return Outcome::failed;
     reached = ratio(u);
-    if (reached <= target) return true;
+    if (reached <= target) return Outcome::solved;
     const bool improved = reached < 0.5 * previous;
-    if (!improved && !changed && !refining) return false;  // the sets repeat and rounding is all that is left
+    if (!improved && !changed && !refining) return Outcome::failed;  // the sets repeat; rounding is left
     refining = reached <= refine_below && (improved || !refining);
   }
-  return false;
+  return came_back ? Outcome::failed : Outcome::unfinished;
 }
 
 }  // namespace sweepvi

@@ -8,10 +8,12 @@
 #include <petsc/private/snesimpl.h>
 
 #include "petsc/direct_solver.hpp"
+#include "petsc/guarded_setup.hpp"
 #include "petsc/log_event.hpp"
 #include "petsc/sparse.hpp"
 #include "vi/block_sweeps.hpp"
 #include "vi/certificate.hpp"
+#include "vi/interior_point.hpp"
 #include "vi/judged_point.hpp"
 #include "vi/outer_linearisation.hpp"
 #include "vi/path_sweeps.hpp"
@@ -136,6 +138,8 @@ void StepSolver::configure(SNES snes, const char* type) {
   check(KSPSetErrorIfNotConverged(ksp, PETSC_FALSE));
   check(KSPGetPC(ksp, &pc));
   check_factorization(pc, jacobian_.get());
+  try_preconditioner(ksp, jacobian_.get());
+  guard_setup(ksp);
   lift_step_limit(snes);
   check(SNESSetFunction(snes, snes_f_.get(), form_function, this));
   check(SNESSetJacobian(snes, jacobian_.get(), jacobian_.get(), form_jacobian, this));
@@ -336,7 +340,28 @@ bool StepSolver::predict() {
     return true;
   }
   check(VecCopy(guess_.get(), u_.get()));
-  return predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio);
+  const Predictor::Outcome outcome =
+      predictor_->improve(u_.get(), lower_.get(), upper_.get(), certificate_.target, ratio);
+  at_guess_ = outcome != Predictor::Outcome::failed;
+  if (outcome == Predictor::Outcome::creeping) return predict_interior();
+  return outcome == Predictor::Outcome::solved;
+}
+
+// By the interior-point method from u_, which stays where that fails.
+bool StepSolver::predict_interior() {
+  const Vector point = duplicate(u_.get());
+  check(VecCopy(u_.get(), point.get()));
+  static_cast<void>(interior().solve(u_.get(), lower_.get(), upper_.get(), certificate_,
+                                     InteriorPoint::Begin::on_path,
+                                     [this](Vec u) { return settled_ratio(u); }));
+  const double reached = settle();
+  if (!(reached <= certificate_.rtol)) check(VecCopy(point.get(), u_.get()));
+  return reached <= certificate_.target;
+}
+
+InteriorPoint& StepSolver::interior() {
+  if (!interior_) interior_ = std::make_unique<InteriorPoint>(problem_);
+  return *interior_;
 }
 
 std::string StepSolver::predictor() {
@@ -364,16 +389,20 @@ std::vector<Rung> StepSolver::ladder(bool brief) {
   if (solver_options_.linearisation == Linearisation::outer) return {Rung::pivoting};
   PetscInt size = 0;
   check(VecGetSize(u_.get(), &size));
+  const bool pivots = size <= OuterLinearisation::largest;
   std::vector<Rung> rungs = {Rung::chosen, Rung::other_type};
+  if (!brief && !pivots) rungs.push_back(Rung::interior_point);
   if (!brief) rungs.insert(rungs.end(), {Rung::cold_start, Rung::other_type_cold_start});
-  if (size <= OuterLinearisation::largest) rungs.push_back(Rung::pivoting);
+  if (pivots) rungs.push_back(Rung::pivoting);
   if (brief) return rungs;
-  if (size <= OuterLinearisation::largest) rungs.push_back(Rung::pivoting_cold_start);
+  if (pivots) rungs.push_back(Rung::pivoting_cold_start);
   if (size <= OuterLinearisation::largest_searched) rungs.push_back(Rung::enumeration);
+  if (pivots) rungs.push_back(Rung::interior_point);
   return rungs;
 }
 
 PetscInt StepSolver::attempt(Rung rung, std::string& reason) {
+  if (rung == Rung::interior_point) return attempt_interior(reason);
   return rung >= Rung::pivoting ? attempt_pivoting(rung, reason) : attempt_snes(rung, reason);
 }
 
@@ -407,13 +436,26 @@ PetscInt StepSolver::attempt_snes(Rung rung, std::string& reason) {
   if (outcome == SNES_DIVERGED_LINEAR_SOLVE) {
     KSP ksp = nullptr;
     check(SNESGetKSP(snes, &ksp));
+    check_setup(ksp);
     const PCFailedReason why = failed_reason(ksp);
+    const std::string error = setup_error(ksp);
     // Iterations made before that do not count: another run, which has the workspace already, has none.
     if (recover(ksp)) return attempt_snes(rung, reason);
     ++failed_solves_;
     failure_ = why;
+    setup_error_ = error;
   }
   return iterations;
+}
+
+PetscInt StepSolver::attempt_interior(std::string& reason) {
+  start_from(false);
+  const InteriorPoint::Result result =
+      interior().solve(u_.get(), lower_.get(), upper_.get(), certificate_, InteriorPoint::Begin::by_sets,
+                       [this](Vec u) { return settled_ratio(u); });
+  reason = result.reason;
+  if (result.linear_failure) ++failed_solves_;
+  return result.iterations;
 }
 
 PetscInt StepSolver::attempt_pivoting(Rung rung, std::string& reason) {
@@ -434,8 +476,8 @@ std::string StepSolver::linear_failure() const {
                           ? "its matrix is singular"
                       : failure_ == PC_NOERROR ? "the linear solver did not converge"
                                                : "the factorization failed";
-  return "in " + std::to_string(failed_solves_) +
-         " of the attempts a linear system could not be solved: " + cause;
+  return "in " + std::to_string(failed_solves_) + " of the attempts a linear system could not be solved: " +
+         (setup_error_.empty() ? cause : setup_error_);
 }
 
 // Where SNES ends near a solution of a badly conditioned problem, rounding flips degenerate rows between its
@@ -462,6 +504,7 @@ StepReport StepSolver::solve(const Step& step, bool brief) {
   judged_->forget();
   at_guess_ = false;
   failed_solves_ = 0;
+  setup_error_.clear();
   const bool predicted = predict();
   if (predicted) {  // SNES looks at it once
     sigma_ = 1.0;
