@@ -59,6 +59,7 @@ public:
   /// Moves to the next line that says something; comments and blank lines do not. False at the end of the
   /// file, which then counts as the line after the last.
   bool next_line() {
+    std::string_view first;
     do {
       const std::optional<std::string_view> line = raw_line();
       if (!line) {
@@ -70,7 +71,8 @@ public:
       ++line_number_;
       line_ = rest_ = *line;
       if (line_number_ == 1) skip_byte_order_mark();
-    } while (peek().empty() || (lines_ > 0 && is_comment(peek())));
+      first = peek();
+    } while (first.empty() || (lines_ > 0 && is_comment(first)));
     ++lines_;
     return true;
   }
@@ -83,7 +85,10 @@ public:
     return found;
   }
 
-  bool line_has_more() { return !peek().empty() && !is_comment(peek()); }
+  bool line_has_more() {
+    const std::string_view next = peek();
+    return !next.empty() && !is_comment(next);
+  }
   std::string quoted_line() const {
     const std::size_t end = line_.find_last_not_of(" \t\r");
     return in_quotes(line_.substr(0, end == std::string_view::npos ? 0 : end + 1));

@@ -1,4 +1,4 @@
-# ranks: 1
+# ranks: 2
 """Files as scipy, numpy, h5py, petsc4py, PetscBinaryIO, MATLAB, Octave, Julia and Fortran write them: what is read is, bit
 for bit, what was written, or the file is refused. Matrices are not symmetric, so that a transposed one is another."""
 
@@ -552,6 +552,47 @@ class Hdf5(Files):
         self.put("10x", group("csc", shape="dataset"), "an attribute format")
         self.put("unmarked", group("csc", matrix=GENERAL), "unless the matrix is stored by columns")
         self.put("shapes", group("csr", h5sparse_shape=(6, 7)), "differ")
+
+
+class Solved(unittest.TestCase):
+    """The whole way: a scene or problem that names files, on one and on two ranks; judged by numpy."""
+
+    def test_solve_and_run(self):
+        matrix = np.array([[4, 0, 1.5, 0], [0, 3, 0, -1], [0.25, 0, 5, 0], [0, 2, 0, 6.0]])
+        q = np.array([-1.0, 2.0, -3.0, 5.0])
+        with program.temporary_folder() as name:
+            folder = Path(name)
+            sp.save_npz(folder / "M.npz", sp.csc_matrix(matrix))
+            np.save(folder / "q.npy", q)
+            (folder / "M.mtx.gz").write_bytes(gzip.compress(market(sp.coo_matrix(matrix)).encode()))
+            csr = sp.csr_matrix(matrix)
+            (folder / "M.petsc").write_bytes(
+                b"".join(np.asarray(part, ">i4").tobytes() for part in ([1211216, 4, 4, csr.nnz], np.diff(csr.indptr), csr.indices))
+                + csr.data.astype(">f8").tobytes() + np.array([1211214, 4], ">i4").tobytes() + q.astype(">f8").tobytes())
+            with h5py.File(folder / "m.h5", "w") as file:
+                file["M"] = matrix.T
+                file["M"].attrs["MATLAB_class"] = np.bytes_("double")
+                file["low"] = np.full(4, -np.inf)
+            low = 'lower = {file = "m.h5", dataset = "low"}'
+            for ranks, M, right in ((1, '"M.npz"', '"q.npy"'), (2, '{file = "M.petsc"}', '"M.petsc"'), (1, '"M.mtx.gz"', '"q.npy"'),
+                                    (1, '{file = "m.h5", dataset = "M"}', '{file = "q.npy"}')):
+                (folder / "p.toml").write_text(f"[problem]\nM = {M}\nq = {right}\n{low}\n")
+                outcome = program.run("solve", "p.toml", "-o", "u.h5", "--force", cwd=folder, ranks=ranks)
+                self.assertEqual(outcome.code, 0, outcome)
+                with h5py.File(folder / "u.h5") as file:
+                    # Rounding: the condition of this matrix is 3.
+                    np.testing.assert_allclose(file["solution"][-1], np.linalg.solve(matrix, -q), rtol=0, atol=1e-14)
+            # Implicit Euler, x' = A x: no constraint is met.
+            np.save(folder / "A.npy", np.asfortranarray(-matrix))
+            (folder / "s.toml").write_text('[time]\nend = 0.5\nstep = 0.1\n[model]\nkind = "linear"\nA = [[0]]\n'
+                                           "B = [[0], [0], [0], [1]]\nC = [[0, 0, 0, 1]]\nw0 = [100]\nx0 = [1, 2, 3, 4]\n")
+            outcome = program.run("run", "s.toml", "--set", "model.A=A.npy", cwd=folder)
+            self.assertEqual(outcome.code, 0, outcome)
+            state = np.array([1.0, 2.0, 3.0, 4.0])
+            for _ in range(5):
+                state = np.linalg.solve(np.eye(4) + 0.1 * matrix, state)
+            with h5py.File(folder / "s.h5") as file:
+                np.testing.assert_allclose(file["x"][-1], state, rtol=0, atol=1e-13)  # 5 steps, rounding
 
 
 if __name__ == "__main__":
