@@ -149,13 +149,14 @@ def random_model(seed):
             continue
 
 
-def random_masses(seed):
-    """Table `model` of kind lagrangian: 1 to 4 coordinates, 1 to 4 gaps, some opposite ones, restitution of all kinds."""
+def random_masses(seed, full=False):
+    """Table `model` of kind lagrangian: 1 to 4 coordinates, 1 to 4 gaps, some opposite ones, restitution of all kinds; `full`:
+    mass matrices that are not diagonal."""
     draw = random.Random(f"masses {seed}")
     n = draw.choice([1, 2, 2, 3, 4])
     part = lambda size: round(draw.uniform(-size, size) * ENTRY) / ENTRY
     square = lambda size: np.array([[part(size) for _ in range(n)] for _ in range(n)])
-    L = np.tril(square(0.5), -1) * (draw.random() < 0.6) + np.diag([draw.choice([0.5, 1.0, 2.0]) for _ in range(n)])
+    L = np.tril(square(0.5), -1) * full + np.diag([draw.choice([0.5, 1.0, 2.0]) for _ in range(n)])
     G, S = square(1.0), square(0.5)
     K = draw.choice([0.0, 1.0, 4.0]) * (G @ G.T)
     Cv = draw.choice([0.0, 0.0, 0.25]) * (S @ S.T + draw.choice([0.0, 1.0]) * (S - S.T))
@@ -177,7 +178,7 @@ def random_masses(seed):
             e.append(draw.choice([0.0, 0.5, 1.0]))
     wave = lambda: {"offset": draw.uniform(-2, 1), "amplitude": draw.choice([0.0, draw.uniform(0, 2)]), "frequency": draw.uniform(0.05, 0.7), "phase": draw.uniform(0, 6)}  # fmt: skip
     if not rows:
-        return random_masses(f"{seed} again")
+        return random_masses(f"{seed} again", full)
     return {
         "kind": "lagrangian", "M": (L @ L.T).tolist(), "K": K.tolist(), "Cv": Cv.tolist(), "H": rows, "g0": g0, "e": e,
         "q0": q0, "v0": [part(1.0) for _ in range(n)], "f": [wave() for _ in range(n)],
