@@ -143,6 +143,14 @@ class Degenerate(unittest.TestCase):
             problem.solve()
         self.assertIn("exit 3", str(raised.exception))
 
+    def test_a_preconditioner_that_cannot_be_set_up_is_bad_input(self):
+        """It is told before a file is written, on any number of ranks."""
+        for ranks in 1, 2:
+            with self.subTest(ranks=ranks), self.assertRaises(AssertionError) as raised:
+                obstacle(8).solve(ranks, options=("-pc_type", "fieldsplit"))
+            self.assertIn("exit 2", str(raised.exception))
+            self.assertIn("fieldsplit", str(raised.exception))
+
 
 if __name__ == "__main__":
     unittest.main()
