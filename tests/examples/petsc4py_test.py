@@ -1,5 +1,6 @@
 """Runs examples/petsc4py/paper65.py: where right it is sweepvi's homsp, and its traps are what the gallery says."""
 # ranks: 1
+# timeout: 180
 
 import importlib.util
 import json
