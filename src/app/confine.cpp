@@ -6,6 +6,7 @@
 #include "app/verbs.hpp"
 #include "io/confinement.hpp"
 #include "io/toml_table.hpp"
+#include "petsc/ambient_options.hpp"
 
 namespace sweepvi::app {
 
@@ -20,12 +21,13 @@ void confine(MPI_Comm comm, const CommandLine& line) {
         "{} is no list of files; expected a JSON object of names and paths, as in {{\"M.mtx\": \"0\"}}",
         *line.confine));
   }
-  confine_files(std::move(files));
-  const std::string refused = why_refused(line.petsc_words);
-  if (!refused.empty()) throw InputError(refused);
+  confine_files(std::move(files));  // the words were looked at before PETSc was started, see main
 }
 
 void check_options_allowed(const std::string& where, const std::string& options) {
+  if (const std::string found = loads_code(options); !found.empty())
+    throw InputError(fmt::format("{}: {} brings in other code or options; that is for the command line alone",
+                                 where, found));
   if (!files_are_confined()) return;
   const std::string refused = why_refused(options);
   if (!refused.empty()) throw InputError(fmt::format("{}: {}", where, refused));

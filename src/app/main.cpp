@@ -1,6 +1,7 @@
 // The program: command line -> verb -> exit code. MPI, PETSc and every handle end before main returns.
 #include <fmt/format.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <cstdio>
@@ -8,14 +9,18 @@
 #include <fstream>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <vector>
 
+#include "app/allowed_options.hpp"
 #include "app/command_line.hpp"
 #include "app/service_verbs.hpp"
 #include "app/verbs.hpp"
 #include "app/watch.hpp"
+#include "io/output_file.hpp"
 #include "io/printable.hpp"
 #include "io/table_file.hpp"
+#include "petsc/ambient_options.hpp"
 #include "sweepvi/petsc.hpp"
 
 namespace {
@@ -72,6 +77,16 @@ std::string memory_hint() {
       peak / 1e6, most / 1e6);
 }
 
+/// Whoever reads it may have gone away, or its disk may be full: then nobody may take the exit code for a
+/// success.
+void check_output() {
+  try {
+    flush_standard_output();
+  } catch (const std::system_error& error) {
+    throw Error(ExitCode::output, "standard output could not be written: " + error.code().message());
+  }
+}
+
 void complain(int rank, const char* message) {
   if (rank == 0) std::fprintf(stderr, "sweepvi: %s\n", printable_lines(message).c_str());
 }
@@ -85,6 +100,11 @@ int main(int argc, char** argv) {
     const std::vector<std::string> given(argv + 1, argv + argc);
     app::become_service(given);
     line = app::parse_command_line(given);
+    if (line.confine) {  // before PETSc sees any of it
+      clean_petsc_environment(true);
+      if (const std::string refused = app::why_refused(line.petsc_words); !refused.empty())
+        throw InputError(refused);
+    }
   } catch (const Error& error) {
     bad_usage = error;
   }
@@ -93,7 +113,11 @@ int main(int argc, char** argv) {
 
   const bool runs = line.verb == app::Verb::run;
   if (runs) app::note_signals();  // MPI and PETSc take their time to start
-  signal(SIGXFSZ, SIG_IGN);       // a file at its size limit is a failed write, not a death
+  signal(SIGXFSZ, SIG_IGN);       // a file at its size limit is a failed write, not a death,
+  signal(SIGPIPE, SIG_IGN);       // and so is a pipe that nobody reads
+  // All that a verb prints, unless somebody watches: it is lost or not when it is flushed, and rank 0 alone
+  // knows.
+  if (isatty(STDOUT_FILENO) == 0) setvbuf(stdout, nullptr, _IOFBF, std::size_t{1} << 20U);
   ExitCode code = ExitCode::internal;
   std::optional<Session> opened;
   try {
@@ -103,7 +127,8 @@ int main(int argc, char** argv) {
     return static_cast<int>(error.code());
   }
   Session& session = *opened;
-  if (runs) app::note_signals();  // again: PETSc may have caught some itself
+  if (runs) app::note_signals();  // again: PETSc may have caught some itself, and given others back
+  signal(SIGPIPE, SIG_IGN);
   int rank = 0;
   MPI_Comm_rank(session.comm(), &rank);
   if (bad_usage) {
@@ -112,6 +137,9 @@ int main(int argc, char** argv) {
   }
   try {
     code = act(session.comm(), rank, line);
+    agreed(session.comm(), [&] {
+      if (rank == 0) check_output();
+    });
   } catch (const Error& error) {
     code = error.code();
     if (code == ExitCode::internal || TableFile::damaged()) {
@@ -122,9 +150,19 @@ int main(int argc, char** argv) {
     }
     complain(rank, error.what());
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "sweepvi: [rank %d] internal error: %s%s\n", rank, error.what(),
+    const bool not_printed = std::ferror(stdout) != 0;
+    std::fprintf(stderr, "sweepvi: [rank %d] %s: %s%s\n", rank,
+                 not_printed ? "standard output could not be written" : "internal error", error.what(),
                  memory_hint().c_str());
-    MPI_Abort(session.comm(), static_cast<int>(ExitCode::internal));
+    MPI_Abort(session.comm(), static_cast<int>(not_printed ? ExitCode::output : ExitCode::internal));
+  }
+  opened.reset();  // PETSc may print at its end: -log_view
+  signal(SIGPIPE, SIG_IGN);
+  try {
+    if (code == ExitCode::done) check_output();
+  } catch (const Error& error) {
+    complain(rank, error.what());
+    code = error.code();
   }
   return static_cast<int>(code);
 }

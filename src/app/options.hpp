@@ -11,8 +11,8 @@
 
 namespace sweepvi::app {
 
-/// Puts a scene's own PETSc options into the database at their rank: below the rc file, PETSC_OPTIONS and
-/// the command line (`--set petsc.options` stands between the last two).
+/// Puts a scene's own PETSc options into the database at their rank: below -sweepvi_petscrc, PETSC_OPTIONS
+/// and the command line (`--set petsc.options` stands between the last two).
 void insert_scene_options(const CommandLine& line, const std::string& options, bool from_set);
 
 /// Options, and whether anybody read them.

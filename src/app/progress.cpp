@@ -26,7 +26,7 @@ Progress::Progress(MPI_Comm comm, std::int64_t first, std::int64_t steps,
   MPI_Comm_rank(comm, &rank);
   speaks_ = rank == 0;
   terminal_ = speaks_ && isatty(STDERR_FILENO) != 0;
-  if (speaks_ && file) file_.open(*file, std::ios::app);
+  if (speaks_ && file) file_.emplace(*file);
 }
 
 Progress::~Progress() {
@@ -42,7 +42,7 @@ void Progress::show(std::int64_t step, double t, std::int64_t iterations, double
   if (!speaks_) return;
   const double now = MPI_Wtime();
   const double pause = std::max(file_interval, file_share * (now - start_));
-  if (file_.is_open() && (now - appended_ >= pause || step == steps_)) {
+  if (file_ && (now - appended_ >= pause || step == steps_)) {
     appended_ = now;
     append(step, t, iterations, residual, seconds_left(step, now));
   }
@@ -75,8 +75,7 @@ void Progress::append(std::int64_t step, double t, std::int64_t iterations, doub
   line["residual"] = residual;
   line["left"] = left;
   line["end"] = timestamp(left);
-  file_ << line.dump() + "\n" << std::flush;
-  file_.clear();  // a full disk may have room again
+  file_->append(line.dump());
 }
 
 }  // namespace sweepvi::app

@@ -3,9 +3,10 @@
 #include <mpi.h>
 
 #include <cstdint>
-#include <fstream>
 #include <optional>
 #include <string>
+
+#include "io/output_file.hpp"
 
 namespace sweepvi::app {
 
@@ -30,7 +31,7 @@ private:
   bool drawn_ = false;
   std::int64_t first_, steps_;
   double start_, last_, appended_;
-  std::ofstream file_;
+  std::optional<OutputLines> file_;
 };
 
 }  // namespace sweepvi::app

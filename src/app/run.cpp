@@ -81,7 +81,7 @@ private:
 
 Run::Run(MPI_Comm comm, const CommandLine& line) : comm_(comm), line_(line), scene_(load(comm, line)) {
   MPI_Comm_rank(comm_, &rank_);
-  path_ = line.output.value_or(scene_.output.file);
+  path_ = table_path(comm, line.output.value_or(scene_.output.file));
   check_distinct(comm, {{"the scene", line.scene},
                         {"the output", path_},
                         {"--summary", line.summary.value_or("")},

@@ -86,7 +86,8 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   StepSolver solver(snes.get(), vi);
   if (line.help_requested) return ExitCode::done;
 
-  const std::string path = line.output.value_or(std::filesystem::path(line.scene).stem().string() + ".h5");
+  const std::string path =
+      table_path(comm, line.output.value_or(std::filesystem::path(line.scene).stem().string() + ".h5"));
   check_distinct(
       comm, {{"the problem", line.scene}, {"the output", path}, {"--summary", line.summary.value_or("")}});
   check_writable(comm, path, line.force);

@@ -4,11 +4,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
+#include <system_error>
 
+#include "io/output_file.hpp"
+#include "parallel/gather.hpp"
 #include "petsc/event_counts.hpp"
 #include "petsc/sparse.hpp"
 
@@ -39,24 +43,66 @@ std::int64_t peak_rss_bytes(MPI_Comm comm) {
   return bytes;
 }
 
+namespace {
+
+/// What can be known before anything is computed. @throws Error (output)
+void check_target(const std::string& path, const OutputTarget& target, bool overwrite) {
+  namespace fs = std::filesystem;
+  std::error_code status;
+  if (fs::is_directory(target.path, status))
+    throw Error(ExitCode::output, path + " is a folder; name a file");
+  if (target.kind == OutputTarget::Kind::descriptor) return;
+  if (target.kind == OutputTarget::Kind::stream) {
+    if (access(target.path.c_str(), W_OK) != 0)
+      throw Error(ExitCode::output, path + " cannot be written: " + std::strerror(errno));
+    return;
+  }
+  if (!overwrite && fs::exists(target.path, status))
+    throw Error(ExitCode::output, path + " exists; give another name, or --force to replace it");
+  fs::path folder = target.path.parent_path();
+  if (folder.empty()) folder = ".";
+  if (!fs::is_directory(folder, status))
+    throw Error(ExitCode::output,
+                path + " cannot be written: there is no folder " + folder.string() + "; make it first");
+  if (access(folder.c_str(), W_OK) != 0)
+    throw Error(ExitCode::output, path + " cannot be written: no permission in " + folder.string());
+}
+
+OutputTarget target_of(const std::string& path) {
+  try {
+    return output_target(path);
+  } catch (const std::system_error& error) {
+    throw Error(ExitCode::output, path + " cannot be written: " + error.code().message());
+  }
+}
+
+}  // namespace
+
 void check_writable(MPI_Comm comm, const std::string& path, bool overwrite) {
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   agreed(comm, [&] {
-    if (rank != 0) return;
-    namespace fs = std::filesystem;
-    std::error_code status;
-    if (fs::is_directory(path, status)) throw Error(ExitCode::output, path + " is a folder; name a file");
-    if (!overwrite && fs::exists(path, status))
-      throw Error(ExitCode::output, path + " exists; give another name, or --force to replace it");
-    fs::path folder = fs::path(path).parent_path();
-    if (folder.empty()) folder = ".";
-    if (!fs::is_directory(folder, status))
-      throw Error(ExitCode::output,
-                  path + " cannot be written: there is no folder " + folder.string() + "; make it first");
-    if (access(folder.c_str(), W_OK) != 0)
-      throw Error(ExitCode::output, path + " cannot be written: no permission in " + folder.string());
+    if (rank == 0) check_target(path, target_of(path), overwrite);
   });
+}
+
+std::string table_path(MPI_Comm comm, const std::string& path) {
+  int rank = 0;
+  MPI_Comm_rank(comm, &rank);
+  std::vector<char> name;
+  agreed(comm, [&] {
+    if (rank != 0) return;
+    const OutputTarget target = target_of(path);
+    if (target.kind != OutputTarget::Kind::regular)
+      throw Error(ExitCode::output,
+                  path +
+                      " is a device, a pipe or an open file, and HDF5 needs a regular file: "
+                      "choose another name (-o)");
+    const std::string followed = target.path.string();
+    name.assign(followed.begin(), followed.end());
+  });
+  broadcast(comm, name);
+  return {name.begin(), name.end()};
 }
 
 void Summary::count_jacobian(Mat jacobian) {
@@ -177,14 +223,11 @@ void write_text(MPI_Comm comm, const std::string& path, const std::string& text)
   MPI_Comm_rank(comm, &rank);
   agreed(comm, [&] {
     if (rank != 0) return;
-    const std::string partial = path + ".partial";
-    std::ofstream file(partial);
-    file << text;
-    file.close();
-    if (!file) throw Error(ExitCode::output, path + " could not be written; check the disk");
-    std::error_code failure;
-    std::filesystem::rename(partial, path, failure);
-    if (failure) throw Error(ExitCode::output, path + " could not be written: " + failure.message());
+    try {
+      write_output(path, text);
+    } catch (const std::system_error& error) {
+      throw Error(ExitCode::output, path + " could not be written: " + error.code().message());
+    }
   });
 }
 

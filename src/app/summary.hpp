@@ -60,7 +60,7 @@ std::int64_t factorizations();
 /// Largest peak of resident memory of any rank [B]. @note Collective.
 std::int64_t peak_rss_bytes(MPI_Comm comm);
 
-/// Puts rank 0's text into the file `path`, which has its name once it is complete.
+/// Puts rank 0's text into the file `path`, see write_output().
 /// @throws Error (output) on every rank.  @note Collective.
 void write_text(MPI_Comm comm, const std::string& path, const std::string& text);
 
@@ -68,5 +68,9 @@ void write_text(MPI_Comm comm, const std::string& path, const std::string& text)
 /// written.
 /// @note Collective.
 void check_writable(MPI_Comm comm, const std::string& path, bool overwrite);
+
+/// Where an HDF5 file of this name goes: what links lead to, so that they stay.
+/// @throws Error (output) on every rank if that is no regular file.  @note Collective.
+std::string table_path(MPI_Comm comm, const std::string& path);
 
 }  // namespace sweepvi::app

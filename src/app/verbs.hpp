@@ -18,11 +18,12 @@ ExitCode info(MPI_Comm comm);
 
 /// `--confine`: from here on, documents name the files of its list only, and options come from a list of
 /// harmless ones. Without that word, nothing.
-/// @throws Error (bad_input) on every rank: no list, or an option of the command line that is not allowed
+/// @throws Error (bad_input) on every rank: no list
 /// @note Collective.
 void confine(MPI_Comm comm, const CommandLine& line);
 
-/// Refuses PETSc options of a document unless they are harmless; of a process that is not confined, none.
+/// Refuses PETSc options of a document that load code or read other options; in a process that is confined,
+/// all that are not known to be harmless.
 void check_options_allowed(const std::string& where, const std::string& options);
 
 }  // namespace sweepvi::app

@@ -1,8 +1,6 @@
 #include "io/checkpoint.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
@@ -11,9 +9,11 @@
 #include <filesystem>
 #include <fstream>
 #include <string_view>
+#include <system_error>
 
 #include "io/checksum.hpp"
 #include "io/hdf5_handle.hpp"
+#include "io/output_file.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -217,33 +217,13 @@ CheckpointData decode(std::span<const std::byte> bytes, const std::string& name)
 }
 
 void write_whole(const std::string& path, std::span<const std::byte> bytes) {
-  const std::string unfinished = path + ".new";
-  const auto fail = [&](const std::string& doing, int code) {
-    std::error_code ignored;
-    fs::remove(unfinished, ignored);
-    throw Error(ExitCode::output, fmt::format("{} cannot be {}: {}; check the space and permissions there",
-                                              path, doing, std::strerror(code)));
-  };
-  const int file = ::open(unfinished.c_str(), O_CREAT | O_TRUNC | O_WRONLY, 0666);
-  if (file < 0) fail("written", errno);
-  std::size_t done = 0;
-  int code = 0;
-  while (code == 0 && done < bytes.size()) {
-    const ssize_t written = ::write(file, bytes.data() + done, bytes.size() - done);
-    if (written >= 0)
-      done += static_cast<std::size_t>(written);
-    else if (errno != EINTR)
-      code = errno;
+  try {
+    write_output(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path + ".new");
+  } catch (const std::system_error& error) {
+    throw Error(ExitCode::output,
+                fmt::format("{} cannot be written: {}; check the space and permissions there", path,
+                            error.code().message()));
   }
-  if (code == 0 && fsync(file) != 0 && errno != EINVAL) code = errno;
-  if (::close(file) != 0 && code == 0) code = errno;
-  if (code != 0) fail("written", code);
-  if (std::rename(unfinished.c_str(), path.c_str()) != 0) fail("given its name", errno);
-  const fs::path folder = fs::path(path).parent_path();
-  const int parent = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY);
-  if (parent < 0) return;  // the name survives a crash of the program all the same
-  fsync(parent);
-  ::close(parent);
 }
 
 CheckpointData read_checkpoint(const std::string& path) {

@@ -1,19 +1,15 @@
 #include "io/problem_file.hpp"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
 #include <filesystem>
-#include <span>
 #include <vector>
 
 #include "io/hdf5_handle.hpp"
+#include "io/output_file.hpp"
 #include "io/sparse_entries.hpp"
 #include "parallel/gather.hpp"
 #include "petsc/sparse.hpp"
@@ -110,27 +106,6 @@ std::vector<char> image(const SparseEntries& M,
   return bytes;
 }
 
-/// Under another name, to the disk, then under its own.
-void write_whole(const std::string& path, std::span<const char> bytes) {
-  const std::string partial = path + ".partial";
-  const auto complain = [&] {
-    const std::string reason = std::strerror(errno);
-    unlink(partial.c_str());
-    fail(path + ": " + reason);
-  };
-  const int file = open(partial.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (file < 0) complain();
-  bool good = true;
-  while (good && !bytes.empty()) {
-    const ssize_t written = write(file, bytes.data(), bytes.size());
-    if (written > 0) bytes = bytes.subspan(static_cast<std::size_t>(written));
-    good = written > 0 || (written < 0 && errno == EINTR);
-  }
-  good = good && fsync(file) == 0;
-  good = close(file) == 0 && good;
-  if (!good || std::rename(partial.c_str(), path.c_str()) != 0) complain();
-}
-
 /// In double quotes, for TOML.
 std::string quoted(const std::string& text) {
   std::string result = "\"";
@@ -195,9 +170,10 @@ std::string write_problem(MPI_Comm comm, const ProblemPaths& paths, const StepPr
     numbers = numbers && (std::strchr("lu", name[0]) != nullptr || std::ranges::all_of(values, finite));
   if (!numbers) return "its numbers have left the range that can be represented";
   try {
-    write_whole(paths.numbers, image(M, vectors));
+    const std::vector<char> numbers_file = image(M, vectors);
+    write_output(paths.numbers, {numbers_file.data(), numbers_file.size()});
     const std::string content = text(paths, problem.affine, head);
-    write_whole(paths.toml, content);
+    write_output(paths.toml, content);
   } catch (const std::exception& error) {
     return error.what();
   }

@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <exception>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "petsc/ambient_options.hpp"
 #include "petsc/event_counts.hpp"
 #include "petsc/petsc_text.hpp"
 #include "sweepvi/petsc.hpp"
@@ -79,17 +81,38 @@ struct ForeignAllocations {
   ForeignAllocations& operator=(const ForeignAllocations&) = delete;
 };
 
+/// The value of -sweepvi_petscrc; null if there is none.
+const char* options_file(int argc, char** argv) {
+  const char* file = nullptr;
+  for (int i = 1; i + 1 < argc; ++i)
+    if (std::string_view(argv[i]) == "-sweepvi_petscrc") file = argv[i + 1];
+  return file;
+}
+
+// No file is read because it happens to be there: ~/.petscrc, or .petscrc and petscrc of a working directory
+// that came with somebody's archive, could load any library.
 void initialise(int argc, char** argv) {
   allow_deep_recursion();
+  clean_petsc_environment(false);
+  const char* file = options_file(argc, argv);
+  static std::string skip = "-skip_petscrc";
+  static std::string program = "sweepvi";
+  static std::vector<char*> words;  // PETSc keeps them (PetscGetArgs)
+  words.assign(1, argc > 0 ? argv[0] : program.data());
+  words.push_back(skip.data());
+  if (argc > 1) words.insert(words.end(), argv + 1, argv + argc);
+  int count = static_cast<int>(words.size());
+  words.push_back(nullptr);
+  char** pointer = words.data();
   // PETSc must neither abort on errors (they become exceptions) nor catch signals (the program has its own
   // exit codes).
-  int count = argc;
-  char** words = argv;
   check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr));
   {
     const ForeignAllocations starting;
-    check_options(PetscInitialize(&count, &words, nullptr, nullptr));
+    check_options(PetscInitialize(&count, &pointer, file, nullptr));
   }
+  check(PetscOptionsClearValue(nullptr, "-skip_petscrc"));
+  check(PetscOptionsClearValue(nullptr, "-sweepvi_petscrc"));
   check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr));
   check(PetscPopSignalHandler());  // or PetscFinalize would, and put the system's back for SIGTERM
   count_events();                  // factorizations and linear solves of the summary

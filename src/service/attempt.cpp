@@ -8,6 +8,7 @@
 #include <fstream>
 #include <system_error>
 
+#include "io/output_file.hpp"
 #include "service/digest.hpp"
 
 namespace sweepvi::service {
@@ -20,7 +21,7 @@ void Attempt::write_order(const Order& order) const {
                      {"log_bytes", order.log_bytes},
                      {"seconds", order.seconds},
                      {"grace", order.grace}};
-  write_file(folder_ / "order.json", text.dump(2) + "\n");
+  write_output(folder_ / "order.json", text.dump(2) + "\n");
 }
 
 Order Attempt::order() const {
@@ -79,7 +80,7 @@ void Attempt::write_ending(const Ending& ending) const {
                      {"forced", ending.forced},     {"started", ending.started},
                      {"finished", ending.finished}, {"log_from", ending.log_from},
                      {"bytes", ending.bytes},       {"sha256", ending.sha256}};
-  write_file(folder_ / "ending.json", text.dump(2) + "\n");
+  write_output(folder_ / "ending.json", text.dump(2) + "\n");
 }
 
 std::optional<Ending> Attempt::ending() const {

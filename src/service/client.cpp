@@ -7,7 +7,9 @@
 #include <array>
 #include <cstdio>
 #include <filesystem>
+#include <system_error>
 
+#include "io/output_file.hpp"
 #include "service/digest.hpp"
 #include "service/files.hpp"
 #include "service/local_words.hpp"
@@ -20,6 +22,8 @@ namespace sweepvi::service {
 using nlohmann::json;
 
 namespace {
+
+constexpr int not_written = 5;
 
 struct ClientVerb {
   const char* name;
@@ -71,9 +75,9 @@ std::string job_path(const Arguments& given, const std::string& verb) {
 }
 
 void refuse_existing(const std::string& file, bool force) {
-  constexpr int not_written = 5;
   std::error_code failure;
-  if (!force && std::filesystem::exists(file, failure))
+  if (!force && std::filesystem::exists(file, failure) &&
+      output_target(file).kind == OutputTarget::Kind::regular)
     throw RemoteError(not_written, fmt::format("{} exists; choose another -o, or --force", file));
 }
 
@@ -150,8 +154,11 @@ int submit(Remote& remote, const Arguments& given) {
   }
   const json end = follow(remote, path);
   if (!end.value("result", json()).is_null()) remote.download(path + "/result", local.output);
-  if (!local.summary.empty() && !end.value("summary", json()).is_null())
-    write_file(local.summary, end.at("summary").dump(2) + "\n");
+  if (!local.summary.empty() && !end.value("summary", json()).is_null()) try {
+      write_output(local.summary, end.at("summary").dump(2) + "\n");
+    } catch (const std::system_error& error) {
+      throw RemoteError(not_written, fmt::format("{}: {}", local.summary, error.code().message()));
+    }
   return exit_of(end);
 }
 

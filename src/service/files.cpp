@@ -58,25 +58,6 @@ std::string read_tail(const fs::path& path, std::size_t bytes) {
   return std::move(text).str();
 }
 
-void write_file(const fs::path& path, const std::string& text) {
-  const std::string temporary = path.string() + ".new";
-  const auto fail = [&] {
-    const int error = errno;
-    unlink(temporary.c_str());
-    throw std::system_error(error, std::generic_category(), path.string());
-  };
-  Descriptor file(open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
-  if (!file) fail();
-  for (std::size_t done = 0; done < text.size();) {
-    const ssize_t written = write(file.get(), text.data() + done, text.size() - done);
-    if (written < 0 && errno != EINTR) fail();
-    if (written > 0) done += static_cast<std::size_t>(written);
-  }
-  if (fsync(file.get()) != 0) fail();
-  file.close();
-  if (rename(temporary.c_str(), path.c_str()) != 0) fail();
-}
-
 void sync_folder(const fs::path& folder) {
   const Descriptor file(open(folder.c_str(), O_RDONLY | O_CLOEXEC | O_DIRECTORY));
   // Some file systems have nothing to do for a folder, and say so.

@@ -29,10 +29,6 @@ private:
 std::optional<std::string> read_file(const std::filesystem::path& path);
 /// At most its last `bytes`.
 std::string read_tail(const std::filesystem::path& path, std::size_t bytes);
-/// The file has this text or what it had before, whatever happens meanwhile.
-/// @throws std::system_error
-void write_file(const std::filesystem::path& path, const std::string& text);
-
 /// Has all files in a folder, and their names, on the disk. @throws std::system_error
 void sync_below(const std::filesystem::path& folder);
 /// The names in a folder only.

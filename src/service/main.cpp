@@ -6,6 +6,7 @@
 #include <thread>
 #include <vector>
 
+#include "io/output_file.hpp"
 #include "service/child.hpp"
 #include "service/client.hpp"
 #include "service/refusal.hpp"
@@ -18,6 +19,7 @@ namespace {
 using namespace sweepvi::service;
 
 constexpr int bad_usage = 2;
+constexpr int not_written = 5;
 
 int serve(const std::vector<std::string>& words) {
   if (!words.empty() && (words[0] == "--help" || words[0] == "-h")) {
@@ -54,8 +56,10 @@ int act(const std::string& verb, const std::vector<std::string>& words) {
 int main(int argc, char** argv) {
   const std::vector<std::string> words(argv + 1, argv + argc);
   try {
-    return act(words.empty() ? "" : words[0],
-               {words.empty() ? words.begin() : words.begin() + 1, words.end()});
+    const int code =
+        act(words.empty() ? "" : words[0], {words.empty() ? words.begin() : words.begin() + 1, words.end()});
+    if (code == 0) sweepvi::flush_standard_output();
+    return code;
   } catch (const UsageError& error) {
     std::fprintf(stderr, "sweepvi: %s\n", error.what());
     return bad_usage;
@@ -64,6 +68,6 @@ int main(int argc, char** argv) {
     return error.exit();
   } catch (const std::exception& error) {
     std::fprintf(stderr, "sweepvi: %s\n", error.what());
-    return 1;
+    return std::ferror(stdout) != 0 ? not_written : 1;
   }
 }

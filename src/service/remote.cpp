@@ -10,6 +10,7 @@
 #include <fstream>
 #include <thread>
 
+#include "io/output_file.hpp"
 #include "service/digest.hpp"
 #include "service/files.hpp"
 #include "service/refusal.hpp"
@@ -181,7 +182,11 @@ void Remote::listen(const std::string& path, const std::function<bool(const Even
 }
 
 void Remote::download(const std::string& path, const std::string& file) {
-  const std::string part = file + ".part";
+  const OutputTarget target = output_target(file);
+  const bool whole_file = target.kind == OutputTarget::Kind::regular;
+  const std::string part =
+      whole_file ? target.path.string() + ".part"
+                 : std::filesystem::temp_directory_path().string() + "/sweepvi-" + random_hex(8);
   std::ofstream out(part, std::ios::binary | std::ios::trunc);
   std::int64_t done = 0;
   std::string digest;
@@ -237,7 +242,13 @@ void Remote::download(const std::string& path, const std::string& file) {
   if (tag != '"' + found + '"')
     throw RemoteError(
         no_answer, fmt::format("{} is not what the server has: it says {}, this is {}", part, digest, found));
-  std::filesystem::rename(part, file);
+  try {
+    if (whole_file) return std::filesystem::rename(part, target.path);
+    write_output(file, read_file(part).value_or(""));
+    std::filesystem::remove(part);
+  } catch (const std::system_error& error) {
+    throw RemoteError(not_written, fmt::format("{}: {}", file, error.code().message()));
+  }
 }
 
 }  // namespace sweepvi::service

@@ -4,6 +4,7 @@
 #include <set>
 #include <stdexcept>
 
+#include "io/output_file.hpp"
 #include "service/child.hpp"
 #include "service/launcher.hpp"
 
@@ -39,8 +40,8 @@ public:
 
   void launch(const Attempt& attempt, const Job& job) override {
     const std::filesystem::path script = attempt.folder() / "slurm.sh";
-    write_file(script, fmt::format("#!/bin/sh\nexec {} supervise {}\n", quoted(own_path().string()),
-                                   quoted(attempt.folder().string())));
+    write_output(script, fmt::format("#!/bin/sh\nexec {} supervise {}\n", quoted(own_path().string()),
+                                     quoted(attempt.folder().string())));
     std::vector<std::string> words = {"sbatch", "--parsable", "--no-requeue", "--job-name=" + name(job),
                                       fmt::format("--ntasks={}", job.request.ranks),
                                       "--output=" + (attempt.folder() / "slurm.log").string(),

@@ -12,6 +12,7 @@
 #include <sstream>
 #include <system_error>
 
+#include "io/output_file.hpp"
 #include "io/printable.hpp"
 #include "service/digest.hpp"
 #include "service/queue.hpp"
@@ -88,7 +89,7 @@ void Store::adopt() {
                     folder_.string(), marker));
   queue_name_ = queue.value_or("");
   if (queue_name_.empty()) queue_name_ = random_hex(4);
-  write_file(folder_ / marker, marker_text(queue_name_));
+  write_output(folder_ / marker, marker_text(queue_name_));
 }
 
 std::string Store::receive() const {
@@ -102,7 +103,7 @@ std::string Store::receive() const {
 }
 
 void Store::note(const Job& job) const {
-  write_file(this->job(job) / notes_file, notes_of(job));
+  write_output(this->job(job) / notes_file, notes_of(job));
   sync_below(this->job(job));
   sync_folder(folder_ / "jobs");
 }

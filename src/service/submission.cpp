@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "app/allowed_options.hpp"
+#include "io/output_file.hpp"
 #include "io/printable.hpp"
 #include "service/description.hpp"
 #include "service/files.hpp"
@@ -182,15 +183,15 @@ Request Submission::finish(const std::string& key) {
     names[upload.name] = upload.path;
     all += '\n' + upload.name + '\n' + upload.sha256;
   }
-  write_file(folder_ / scene_file, text);
-  write_file(folder_ / confine_file, names.dump());
+  write_output(folder_ / scene_file, text);
+  write_output(folder_ / confine_file, names.dump());
   if (verb == "study") {
     if (!given.has("steps") && !given.has("tolerances"))
       Description::refuse("a study needs 'steps', or 'tolerances' for the scheme hybrid");
     request.work["study"] = study_of(given);
     const std::string settings = given.text("settings", "", longest_scene);
     request.work["settings"] = !settings.empty();
-    if (!settings.empty()) write_file(folder_ / settings_file, settings);
+    if (!settings.empty()) write_output(folder_ / settings_file, settings);
   }
   request.digest = digest_of(all);
   request.bytes = size_below(folder_);

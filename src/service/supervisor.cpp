@@ -17,6 +17,7 @@
 #include <system_error>
 #include <vector>
 
+#include "io/output_file.hpp"
 #include "service/attempt.hpp"
 #include "service/digest.hpp"
 #include "service/files.hpp"
@@ -194,7 +195,7 @@ int supervise(const std::filesystem::path& folder) {
     if (!claim) return 0;
     // Room for the ending: a run that fills the disk can still say so.
     const std::filesystem::path reserve = folder / "reserve";
-    write_file(reserve, std::string(16384, '\0'));
+    write_output(reserve, std::string(16384, '\0'));
     Ending ending = Supervisor(folder).run();
     const std::filesystem::path result = attempt.job() / "result";
     std::error_code none;
