@@ -4,6 +4,7 @@
 #endif
 
 #include <algorithm>
+#include <array>
 #include <exception>
 #include <string>
 #include <string_view>
@@ -95,11 +96,12 @@ void initialise(int argc, char** argv) {
   allow_deep_recursion();
   clean_petsc_environment(false);
   const char* file = options_file(argc, argv);
-  static std::string skip = "-skip_petscrc";
+  static std::array<std::string, 2> own = {"-skip_petscrc", "-no_signal_handler"};
   static std::string program = "sweepvi";
   static std::vector<char*> words;  // PETSc keeps them (PetscGetArgs)
   words.assign(1, argc > 0 ? argv[0] : program.data());
-  words.push_back(skip.data());
+  for (std::string& word : own)
+    words.push_back(word.data());
   if (argc > 1) words.insert(words.end(), argv + 1, argv + argc);
   int count = static_cast<int>(words.size());
   words.push_back(nullptr);
@@ -111,11 +113,10 @@ void initialise(int argc, char** argv) {
     const ForeignAllocations starting;
     check_options(PetscInitialize(&count, &pointer, file, nullptr));
   }
-  check(PetscOptionsClearValue(nullptr, "-skip_petscrc"));
-  check(PetscOptionsClearValue(nullptr, "-sweepvi_petscrc"));
+  for (const char* name : {"-skip_petscrc", "-no_signal_handler", "-sweepvi_petscrc"})
+    check(PetscOptionsClearValue(nullptr, name));
   check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr));
-  check(PetscPopSignalHandler());  // or PetscFinalize would, and put the system's back for SIGTERM
-  count_events();                  // factorizations and linear solves of the summary
+  count_events();  // factorizations and linear solves of the summary
 }
 
 }  // namespace

@@ -121,7 +121,7 @@ class ProblemFile(unittest.TestCase):
 
     def test_files_that_cannot_be_written(self):
         """A warning, and the same exit code."""
-        (self.folder / "out.problem.h5.partial").mkdir()
+        (self.folder / "out.problem.h5").mkdir()
         for ranks in (1, 2):
             outcome = self.run_scene(UNSTABLE, "-sweepvi_halvings", "0", ranks=ranks)
             self.assertEqual(outcome.code, 3, outcome)

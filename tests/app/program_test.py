@@ -107,8 +107,10 @@ class Options(InFolder):
         self.assertEqual(self.snes_type(one, *here, env=one), other, "the command line over all")
         self.assertEqual(self.snes_type("", *here, "--set", f"petsc.options=-snes_type {one}"), other, "over --set")
         self.write(f"-snes_type {other}\n", ".petscrc")
-        self.assertEqual(self.snes_type(one), other, "the rc file over the scene")
-        self.assertEqual(self.snes_type("", env=one), one, "PETSC_OPTIONS over the rc file")
+        self.assertEqual(self.snes_type(one), one, "an rc file that lies about counts for nothing")
+        named = ["-sweepvi_petscrc", ".petscrc"]
+        self.assertEqual(self.snes_type(one, *named), other, "the rc file over the scene")
+        self.assertEqual(self.snes_type("", *named, env=one), one, "PETSC_OPTIONS over the rc file")
 
     def test_options_of_the_run_are_recorded(self):
         _, attributes, _ = self.simulate(BALL, "-snes_type", "vinewtonssls", env={"PETSC_OPTIONS": "-snes_max_it 77"})
