@@ -144,6 +144,13 @@ public:
   /// Takes u as the state at t_{k+1}. `f` is F(u).
   virtual void accept(Vec u, Vec f) = 0;
 
+  /// Whether the next step may lead to where no motion does, and is to be looked at before it stands. The
+  /// same on every rank. @note Not collective.
+  virtual bool suspect() const { return false; }
+  /// What is wrong with the state that was accepted last, of a step that was suspect; empty if nothing is.
+  /// The same on every rank.
+  virtual std::string defect() { return {}; }
+
   /// Shows the visitor every number that later steps, or the recording of this one, depend on. Replaced, they
   /// make the process go on from that moment; its time is told by the steps.
   virtual void visit(StateVisitor& visitor) = 0;

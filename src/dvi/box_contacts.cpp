@@ -14,7 +14,11 @@ bool all_the_same(const std::vector<double>& values) {
 
 }  // namespace
 
-void BoxContacts::start(Mat H) {
+void BoxContacts::start(Mat H, Vec g0) {
+  {
+    const ReadArray offset(g0);
+    offset_.assign(offset.data(), offset.data() + offset.size());
+  }
   const LocalRange coordinates = column_range(H);
   for_each_row(H, [&](PetscInt, auto columns, auto values) {
     for (std::size_t k = 0; k < columns.size(); ++k) {
@@ -32,6 +36,7 @@ void BoxContacts::start(Mat H) {
   changed_.assign(place_.size(), 0);
   same_e_ = all_the_same(contacts_->e);
   same_weight_ = all_the_same(weight_);
+  same_offset_ = all_the_same(offset_);
 }
 
 // Calls visit(constraints side by side, the first one's coordinate).
@@ -52,6 +57,8 @@ void BoxContacts::each_run(Visit&& visit) {
                      .mu = contacts.mu.data() + 2 * a,
                      .weight = weight_.data() + (same_weight_ ? 0 : a),
                      .same_weight = same_weight_,
+                     .offset = offset_.data() + (same_offset_ ? 0 : a),
+                     .same_offset = same_offset_,
                      .bound = bound_.data() + a,
                      .held_terms = held_terms_.data() + a},
           place_[a]);
@@ -94,21 +101,24 @@ bool BoxContacts::settle(Vec u, Vec terms) {
   return settling.moved;
 }
 
-void BoxContacts::take(Vec u, Vec f, Vec scale, double h, double theta, Energy& lost) {
+void BoxContacts::take(Vec u, Vec f, Vec q, Vec scale, double h, double theta, Energy& lost) {
   const ReadArray values(u);
   const ReadArray residual(f);
+  const ReadArray positions(q);
   const ReadArray scales(scale);
   ContactMotion motion{.h = h, .theta = theta, .noise = held_rtol};
   motion.changed = changed_.data();
   each_run([&](const ContactRun& run, PetscInt place) {
     motion.u = values.data() + place;
     motion.f = residual.data() + place;
+    motion.q = positions.data() + place;
     motion.scale = scales.data() + place;
     contact_kernels().move(run, motion);
   });
   lost.dissipated -= motion.dissipated;
   lost.scheme -= motion.scheme;
   contacts_->deepest = motion.deepest;
+  contacts_->fastest = motion.fastest;
   contacts_->change_contacts({changed_.data(), motion.changed});
 }
 

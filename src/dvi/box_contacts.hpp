@@ -16,7 +16,7 @@ public:
   explicit BoxContacts(ContactState& contacts) : contacts_(&contacts) {}
 
   /// Reads which coordinate belongs to which constraint; contacts have to be started. @note Collective.
-  void start(Mat H);
+  void start(Mat H, Vec g0);
 
   /// Box rule, and the bounds it makes. Only coordinates of constraints ever have one.
   void begin(Vec lower, Vec upper, double h, Detection detection);
@@ -25,7 +25,8 @@ public:
   bool settle(Vec u, Vec terms);
   /// Takes impulses, which are what F is left with where v stands on its bound, and moves on gaps and their
   /// velocities; adds what is lost in impacts and by the scheme. @param scale  1 / d of the rows
-  void take(Vec u, Vec f, Vec scale, double h, double theta, Energy& lost);
+  /// @param q  q_{k+1}
+  void take(Vec u, Vec f, Vec q, Vec scale, double h, double theta, Energy& lost);
   /// Levels were replaced from outside.
   void forget() { has_levels_ = false; }
 
@@ -38,11 +39,12 @@ private:
   void each_run(Visit&& visit);
 
   ContactState* contacts_;
-  std::vector<PetscInt> place_;                // of each constraint: its coordinate
-  std::vector<double> weight_;                 // H there
-  std::vector<double> bound_;                  // on v
-  std::vector<double> held_terms_;             // of the rows, when settled
-  bool same_e_ = false, same_weight_ = false;  // of all constraints of this rank
+  std::vector<PetscInt> place_;                                      // of each constraint: its coordinate
+  std::vector<double> weight_;                                       // H there
+  std::vector<double> offset_;                                       // g0
+  std::vector<double> bound_;                                        // on v
+  std::vector<double> held_terms_;                                   // of the rows, when settled
+  bool same_e_ = false, same_weight_ = false, same_offset_ = false;  // of all constraints of this rank
   std::vector<Run> runs_;
   std::vector<std::int32_t> changed_;  // room for those whose contact begins or ends
   bool has_levels_ = false;            // those of bound_

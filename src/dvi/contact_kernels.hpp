@@ -20,6 +20,8 @@ struct ContactRun {
   double* mu = nullptr;            ///< [constraint][2]
   const double* weight = nullptr;  ///< H on the coordinate, in the same way
   bool same_weight = false;
+  const double* offset = nullptr;  ///< g0, in the same way
+  bool same_offset = false;
   double* bound = nullptr;       ///< on v
   double* held_terms = nullptr;  ///< of the row when it was settled
 };
@@ -42,13 +44,16 @@ struct ContactSettling {
   bool moved = false;  ///< something was not there before
 };
 
-/// Impulses of a step that is taken, and where gaps and their velocities move to.
+/// Impulses of a step that is taken, and where gaps and their velocities move to: g = H q + g0, but in a
+/// contact that goes on, where it moves on with its velocity, which Newton's law knows without rounding.
 struct ContactMotion {
   double h = 0.0, theta = 1.0;
   double noise = 0.0;  ///< impulses below, over the terms of the row, are none
   const double *u = nullptr, *f = nullptr, *scale = nullptr;
+  const double* q = nullptr;              ///< q_{k+1} of the coordinates
   double dissipated = 0.0, scheme = 0.0;  ///< added to: what is lost in impacts, and by the scheme
   double deepest = 0.0;                   ///< or more: -gap
+  double fastest = 0.0;                   ///< or more: |H v|
   std::int32_t* changed = nullptr;        ///< added to: constraints whose contact begins or ends
 };
 

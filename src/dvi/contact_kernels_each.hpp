@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include "dvi/contact_kernels.hpp"
 #include "vi/lanes.hpp"
 
@@ -110,7 +112,7 @@ void move_contacts(const ContactRun& run, ContactMotion& motion) {
   const double rest = 1.0 - motion.theta;
   const double ahead = motion.theta - 0.5;
   LaneSum dissipated, scheme;
-  LaneMaximum deepest;
+  LaneMaximum deepest, fastest;
   each_pack(run, [&](auto kind, std::ptrdiff_t a) {
     using Number = decltype(kind);
     const Number u = Number::load(motion.u + a, 1);
@@ -118,16 +120,24 @@ void move_contacts(const ContactRun& run, ContactMotion& motion) {
     const Number old = Number::load(run.velocity + a, 1);
     const typename Number::Mask holds = u == Number::load(run.bound + a, 1);
     const Number now = Number::choose(holds, rebound<Number>(run, a), weight * u);
-    const Number gap =
-        Number::load(run.gap + a, 1) + Number(motion.h) * (Number(motion.theta) * now + Number(rest) * old);
-    gap.store(run.gap + a, 1);
-    deepest.take(Number(-0.0) - gap);
     now.store(run.velocity + a, 1);
+    fastest.take(now.absolute());
 
     const unsigned held = holds.bits();
     unsigned before = 0;
     for (int lane = 0; lane < Number::width; ++lane)
       before |= static_cast<unsigned>(run.contact[a + lane]) << lane;
+    const Number offset = Number::load(run.offset + (run.same_offset ? 0 : a), 1);
+    const Number apart = weight * Number::load(motion.q + a, 1) + offset;
+    if (const unsigned goes_on = held & before; goes_on == 0) {
+      apart.store(run.gap + a, 1);
+    } else {
+      const Number moved =
+          Number::load(run.gap + a, 1) + Number(motion.h) * (Number(motion.theta) * now + Number(rest) * old);
+      for (int lane = 0; lane < Number::width; ++lane)
+        run.gap[a + lane] = (goes_on >> lane & 1U) != 0 ? moved[lane] : apart[lane];
+    }
+    deepest.take(Number(-0.0) - Number::load(run.gap + a, 1));
     if ((held | before) == 0) return;  // and there was no impulse
     const Number f = Number::load(motion.f + a, 1);
     const Number noise = Number(motion.noise) * Number::load(run.held_terms + a, 1);
@@ -143,8 +153,8 @@ void move_contacts(const ContactRun& run, ContactMotion& motion) {
   });
   motion.dissipated += dissipated.all();
   motion.scheme += scheme.all();
-  const double reached = deepest.all();
-  if (motion.deepest < reached) motion.deepest = reached;
+  motion.deepest = std::max(motion.deepest, deepest.all());
+  motion.fastest = std::max(motion.fastest, fastest.all());
 }
 
 }  // namespace

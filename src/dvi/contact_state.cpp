@@ -1,6 +1,7 @@
 #include "dvi/contact_state.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace sweepvi {
@@ -64,12 +65,19 @@ void ContactState::change_contacts(std::span<const std::int32_t> changed) {
   }
 }
 
-double ContactState::penetration(MPI_Comm comm) const {
+double ContactState::depth() const {
   double worst = deepest.value_or(0.0);
   if (!deepest)
     for (const double g : gap)
       worst = std::max(worst, -g);
-  MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_DOUBLE, MPI_MAX, comm);
+  return worst;
+}
+
+double ContactState::speed() const {
+  double worst = fastest.value_or(0.0);
+  if (!fastest)
+    for (const double v : velocity)
+      worst = std::max(worst, std::abs(v));
   return worst;
 }
 
@@ -87,6 +95,7 @@ void ContactState::visit(StateVisitor& visitor) {
   if (!visitor.replaces()) return;
   events.clear();
   deepest.reset();
+  fastest.reset();
 }
 
 }  // namespace sweepvi

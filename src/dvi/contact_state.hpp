@@ -21,6 +21,7 @@ struct ContactState {
   std::vector<Side> side;
   std::vector<StepEvent> events;  ///< of the step
   std::optional<double> deepest;  ///< largest -gap, at least 0, where somebody found it on the way
+  std::optional<double> fastest;  ///< largest |velocity| likewise
 
   /// Contact at the start: touching (or beyond), and neither approaching nor leaving.
   void start(std::vector<double> gaps, std::vector<double> velocities, Vec restitution);
@@ -40,13 +41,15 @@ struct ContactState {
   void take_impulse(std::size_t a, bool holds, double impulse) {
     mu[2 * a + 1] = impulse;
     deepest.reset();
+    fastest.reset();
     if (holds != (contact[a] != 0)) change_contact(a, holds, impulse);
   }
 
   /// Contact begins or ends for these, in a step whose impulses are in mu.
   void change_contacts(std::span<const std::int32_t> changed);
 
-  double penetration(MPI_Comm comm) const;
+  double depth() const;               ///< largest -gap of this rank, at least 0
+  double speed() const;               ///< largest |velocity| of this rank
   void visit(StateVisitor& visitor);  ///< @note Collective.
   PetscInt active() const;
 

@@ -77,14 +77,9 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
     std::fill_n(u.data(), u.size(), 0.0);
     std::copy_n(v.data(), v.size(), u.data());
   }
-  std::vector<double> gaps = product(system.H.get(), q_.get());
-  {
-    const ReadArray offset(system.g0.get());
-    for (std::size_t a = 0; a < gaps.size(); ++a)
-      gaps[a] += offset[static_cast<PetscInt>(a)];
-  }
-  contacts_.start(std::move(gaps), product(system.H.get(), v_.get()), system.e.get());
-  if (!dual) box_.start(system.H.get());
+  contacts_.start(gaps_at_positions(), product(system.H.get(), v_.get()), system.e.get());
+  if (!dual) box_.start(system.H.get(), system.g0.get());
+  look_at_contacts(true);
 
   for (const Forcing::Entry& entry : system.f.constant) {
     const WriteArray forces(forces_.get());
@@ -97,6 +92,15 @@ LinearMoreauJean::LinearMoreauJean(const LagrangianSystem& system, const MoreauJ
   if (largest[0] <= rounding * largest[1]) return;
   circulatory_ = Matrix::share(twist.get());
   check(MatScale(circulatory_.get(), 0.5));
+}
+
+// H q + g0.
+std::vector<double> LinearMoreauJean::gaps_at_positions() const {
+  std::vector<double> gaps = product(system_.H.get(), q_.get());
+  const ReadArray offset(system_.g0.get());
+  for (std::size_t a = 0; a < gaps.size(); ++a)
+    gaps[a] += offset[static_cast<PetscInt>(a)];
+  return gaps;
 }
 
 void LinearMoreauJean::assemble() {
@@ -224,6 +228,7 @@ void LinearMoreauJean::find_rhs(const Step& step) {
 }
 
 void LinearMoreauJean::begin(const Step& step, Vec lower, Vec upper, Vec guess) {
+  step_ = step.number;
   find_rhs(step);
   check(VecCopy(u_.get(), guess));
   if (!dual_) {
@@ -265,8 +270,10 @@ void LinearMoreauJean::find_constraint_rhs() {
   {
     const ReadArray old(work_.get());
     const WriteArray rhs(rhs_.get());
-    for (std::size_t a = 0; a < contacts_.size(); ++a)
+    for (std::size_t a = 0; a < contacts_.size(); ++a) {
+      if (contacts_.contact[a] == 0) contacts_.velocity[a] = old[row(a)];
       rhs[row(a)] = old[row(a)] - (contacts_.velocity[a] - contacts_.rebound(a));
+    }
   }
   check(MatMult(abs_matrix_.get(), terms_.get(), work_.get()));
   const ReadArray old(work_.get());
@@ -422,11 +429,26 @@ void LinearMoreauJean::accept(Vec u, Vec f) {
     row_terms(u, known_.get());
     evaluate(u, work_.get());  // F before rows are pinned
     take_multipliers(u, work_.get());
-  } else {
-    box_.take(u, f, scale_.get(), h_, theta_, lost_);
   }
   account(u);
-  advance(u);
+  move();
+  if (dual_)
+    find_gaps();
+  else
+    box_.take(u, f, q_.get(), scale_.get(), h_, theta_, lost_);
+  take_velocity(u);
+  look_at_contacts();
+}
+
+// Primal-dual: of open constraints, from the positions. A product with H costs much of a step: now and then
+// will do, as between a gap gathers no more than the rounding of a few sums.
+void LinearMoreauJean::find_gaps() {
+  constexpr PetscInt carried_for = 16;
+  if (step_ % carried_for != 0) return;
+  const std::vector<double> gaps = gaps_at_positions();
+  for (std::size_t a = 0; a < gaps.size(); ++a)
+    if (contacts_.contact[a] == 0) contacts_.gap[a] = gaps[a];
+  contacts_.deepest.reset();
 }
 
 // Primal-dual: impulses are unknowns. @param f  before rows are pinned

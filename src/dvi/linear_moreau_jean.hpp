@@ -22,8 +22,9 @@ namespace sweepvi {
 ///   - primal-dual: unknowns (v, nu), nu_a = delta_a mu_a a velocity too, delta = diag(H d^-1 H');
 ///     F = (J v - r - H' mu,  H v_{k+1} + e H v_k) with nu >= 0, or nu = 0 where a is not detected.
 ///
-/// H v_{k+1} is taken as (H v_k carried along) + H (v_{k+1} - v_k): what the solver left of a contact's
-/// velocity is not handed on.
+/// Gaps are H q + g0 and their velocities H v. In a contact that goes on both are carried along, H v_{k+1} as
+/// (H v_k carried along) + H (v_{k+1} - v_k), so that what the solver left of a contact's velocity is not
+/// handed on; and in the primal-dual form gaps of open constraints are carried for 16 steps at most.
 class LinearMoreauJean final : public MoreauJean {
 public:
   LinearMoreauJean(const LagrangianSystem& system, const MoreauJeanOptions& options, double h, bool dual);
@@ -72,6 +73,9 @@ private:
     lost_.scheme -= (theta_ - 0.5) * impulse * (now - old);
   }
   void account(Vec u);
+  std::vector<double> gaps_at_positions() const;
+  void find_gaps();
+  PetscInt scene_number(std::size_t a) const override { return system_.constraint_order[a]; }
   PetscInt row(std::size_t a) const { return local_ + static_cast<PetscInt>(a); }
   bool pinned(std::size_t a) const { return dual_ && !contacts_.detected(a); }
 
@@ -100,6 +104,7 @@ private:
   std::uint64_t rows_version_ = 0;
   std::uint64_t version_ = 0;  // counts changes of what is pinned and of h
   PetscInt first_row_ = 0;     // global number of this rank's first unknown
+  PetscInt step_ = 0;          // number of the one that was begun
 };
 
 }  // namespace sweepvi

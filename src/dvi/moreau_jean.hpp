@@ -27,7 +27,9 @@ public:
   const std::vector<Side>& side() const final { return contacts_.side; }
   const std::vector<StepEvent>& events() const final { return contacts_.events; }
   void tell(std::vector<StepEvent> events) final { contacts_.events = std::move(events); }
-  double penetration() const final { return contacts_.penetration(comm_); }
+  double penetration() const final { return depth_; }
+  bool suspect() const final;
+  std::string defect() final;
   PetscInt active() const final { return contacts_.active(); }
   void visit(StateVisitor& visitor) override;
 
@@ -37,8 +39,16 @@ protected:
 
   /// dq = h v_theta, from the first entries of u.
   void find_increment(Vec u);
-  /// q += dq, v = v_{k+1}.
-  void advance(Vec u);
+  /// q += dq.
+  void move();
+  /// v = v_{k+1}.
+  void take_velocity(Vec u);
+  /// Looks how deep and how fast contacts are, once they have moved; `at_start`: that is where they start
+  /// from.
+  /// @note Collective.
+  void look_at_contacts(bool at_start = false);
+  /// As messages call an owned constraint.
+  virtual PetscInt scene_number(std::size_t a) const = 0;
 
   MPI_Comm comm_;
   double h_;      // [s]
@@ -51,6 +61,11 @@ protected:
   Vector x_, q_, v_, dq_;
 
 private:
+  double limit() const;  ///< how deep a contact may be
+
+  double depth_ = 0.0;        // largest penetration of all ranks
+  double start_depth_ = 0.0;  // the same at the start
+  double top_speed_ = 0.0;    // largest |H v| of all ranks so far
   mutable bool knows_x_ = false;
   std::vector<double> no_outputs_;
 };

@@ -79,6 +79,7 @@ void NonlinearMoreauJean::start_contacts() {
   check(MatMult(H_.get(), v_.get(), gap_part_.get()));
   const Vector e = restitution_of(system_, comm(), row_range(H_.get()).size());
   contacts_.start(std::move(gaps), values_of(gap_part_.get()), e.get());
+  look_at_contacts(true);
 }
 
 // Which constraints take part, and H where that is decided.
@@ -281,8 +282,11 @@ void NonlinearMoreauJean::accept(Vec u, Vec f) {
       lost_.dissipated -= 0.5 * impulse * (contacts_.velocity[a] + contacts_.rebound(a));
     }
   }
-  advance(u);
+  move();
+  take_velocity(u);
   contacts_.gap = gaps_at(q_.get());
+  contacts_.deepest.reset();
+  look_at_contacts();
 }
 
 Energy NonlinearMoreauJean::energy() {

@@ -5,6 +5,7 @@
 #include "dvi/momentum.hpp"
 #include "dvi/moreau_jean.hpp"
 #include "dvi/stacked.hpp"
+#include "petsc/sparse.hpp"
 
 namespace sweepvi {
 
@@ -39,6 +40,9 @@ private:
   void split(Vec u);
   Matrix saddle(Mat J) const;
   std::vector<double> gaps_at(Vec q);
+  PetscInt scene_number(std::size_t a) const override {
+    return row_range(H_.get()).first + static_cast<PetscInt>(a);
+  }
   PetscInt row(std::size_t a) const { return local_ + static_cast<PetscInt>(a); }
 
   const NonlinearLagrangian& system_;

@@ -65,16 +65,37 @@ struct TimeMarch::Impl {
       last = advance(step);
     else
       last = solver->solve(step);
-    const bool whole = last.certified && !hybrid;
-    if (!last.certified && !hybrid) last = divide(step, last);
+    if (!hybrid) settle(step);
     if (!last.certified) {
       raw->reason = TS_DIVERGED_NONLINEAR_SOLVE;
       return;
     }
-    if (whole) problem.accept(solver->solution(), solver->residual());
     raw->ptime = step.t_new;
     raw->time_step = step.h;
     if (observer) observer(step, last);
+  }
+
+  /// Accepts a solved step, or takes one that could not be solved in parts. A state that no motion leads to
+  /// is taken back, and the step has failed.
+  void settle(const Step& step) {
+    const bool suspect = problem.suspect();
+    StateSnapshot old;
+    Vector point;
+    if (suspect) {
+      old.take(problem);
+      point = duplicate(solver->solution());
+      check(VecCopy(solver->solution(), point.get()));
+    }
+    if (last.certified)
+      problem.accept(solver->solution(), solver->residual());
+    else
+      last = divide(step, last);
+    if (!suspect || !last.certified) return;
+    last.obstacle = problem.defect();
+    if (last.obstacle.empty()) return;
+    last.certified = false;
+    old.put_back(problem);
+    solver->return_to(step, point.get());
   }
 
   /// By the hybrid scheme; if it fails, the state is that at the begin of the interval.

@@ -23,7 +23,8 @@ constexpr double h = 0.01;
 /// Constraints with all that may happen to them: gaps on both sides of 0 and at it, upper and lower bounds,
 /// velocities on their bound, near it and elsewhere, forces that push, pull, and are no more than rounding.
 struct Contacts {
-  std::vector<double> gap, velocity, e, weight, bound, held_terms, u, f, scale, terms, lower, upper, mu;
+  std::vector<double> gap, velocity, e, weight, offset, bound, held_terms, u, f, q, scale, terms, lower,
+      upper, mu;
   std::vector<int> level;
   std::vector<signed char> side;
   std::vector<char> contact;
@@ -47,6 +48,8 @@ struct Contacts {
       gap.push_back(pick({0.0, -0.01 * velocity[a], 0.3, between(-0.02, 0.02)}));
       e.push_back(pick({0.0, 0.5, 1.0}));
       weight.push_back(a < 8 ? 1.0 : pick({1.0, -1.0, -0.7}));
+      offset.push_back(pick({0.0, between(-1, 1)}));
+      q.push_back(between(-1, 1));
       scale.push_back(between(0.5, 2));
       terms.push_back(between(1, 5));
       f.push_back(pick({between(-3, 3), between(0, 3), -between(0, 3), 1e-14, -1e-14}));
@@ -66,6 +69,7 @@ struct Contacts {
             .contact = contact.data(),
             .mu = mu.data(),
             .weight = weight.data(),
+            .offset = offset.data(),
             .bound = bound.data(),
             .held_terms = held_terms.data()};
   }
@@ -92,6 +96,7 @@ struct Contacts {
     ContactMotion motion{.h = h, .theta = theta, .noise = near};
     motion.u = u.data();
     motion.f = f.data();
+    motion.q = q.data();
     motion.scale = scale.data();
     motion.changed = changed.data();
     kernels.move(run(), motion);
@@ -171,7 +176,9 @@ TEST(ContactKernels, MoveThemAndTellWhatChanged) {
       std::vector<std::int32_t> changed;
       double dissipated = 0.0;
       double scheme = 0.0;
+      double fastest = 0.0;
       int pushed = 0;
+      int going_on = 0;
       for (std::size_t a = 0; a < size; ++a) {
         SCOPED_TRACE(a);
         const double old = before.velocity[a];
@@ -182,7 +189,11 @@ TEST(ContactKernels, MoveThemAndTellWhatChanged) {
         const double impulse = pushes ? before.f[a] / (before.scale[a] * before.weight[a]) : 0.0;
         pushed += pushes ? 1 : 0;
         EXPECT_EQ(contacts.velocity[a], now);
-        EXPECT_EQ(contacts.gap[a], before.gap[a] + h * (theta * now + (1.0 - theta) * old));
+        const bool goes_on = holds && before.contact[a] != 0;
+        EXPECT_EQ(contacts.gap[a], goes_on ? before.gap[a] + h * (theta * now + (1.0 - theta) * old)
+                                           : before.weight[a] * before.q[a] + before.offset[a]);
+        going_on += goes_on ? 1 : 0;
+        fastest = std::max(fastest, std::abs(now));
         EXPECT_EQ(contacts.mu[2 * a], 0.0);
         EXPECT_EQ(contacts.mu[2 * a + 1], impulse);
         dissipated += 0.5 * impulse * (old + now);
@@ -190,6 +201,8 @@ TEST(ContactKernels, MoveThemAndTellWhatChanged) {
         if (holds != (before.contact[a] != 0)) changed.push_back(first + static_cast<std::int32_t>(a));
       }
       EXPECT_GT(pushed, 1);
+      EXPECT_GT(going_on, 1);
+      EXPECT_EQ(motion.fastest, fastest);
       EXPECT_GT(changed.size(), 5U);
       EXPECT_EQ(contacts.changed, changed);
       EXPECT_NEAR(motion.dissipated, dissipated, 1e-14);  // some tens of terms of 1, in another order

@@ -231,5 +231,52 @@ TEST(NonlinearLagrangian, WhatMakesNoSenseIsRefused) {
   EXPECT_NE(complaint({.cart = -1.0, .bob = 0.5}, 0.5).find("gave -0.5 on the diagonal"), std::string::npos);
 }
 
+/// A model that says its gaps turn the other way: contacts push into the wall.
+class TurnedOver final : public NonlinearLagrangian {
+public:
+  explicit TurnedOver(const LagrangianSystem& system) : right_(system, true) {}
+  Vector initial_position() const override { return right_.initial_position(); }
+  Vector initial_velocity() const override { return right_.initial_velocity(); }
+  std::vector<double> restitution() const override { return right_.restitution(); }
+  Matrix mass_pattern() const override { return right_.mass_pattern(); }
+  void mass(Vec q, Mat M) const override { right_.mass(q, M); }
+  void force(double t, Vec q, Vec v, Vec F) const override { right_.force(t, q, v, F); }
+  Matrix gap_pattern() const override { return right_.gap_pattern(); }
+  void gaps(Vec q, Vec g) const override { right_.gaps(q, g); }
+  void gap_gradient(Vec q, Mat H) const override {
+    right_.gap_gradient(q, H);
+    check(MatScale(H, -1.0));
+  }
+  Matrix jacobian_pattern() const override { return right_.jacobian_pattern(); }
+  bool force_jacobian(double t, Vec q, Vec v, double by_q, double by_v, Mat J) const override {
+    return right_.force_jacobian(t, q, v, by_q, by_v, J);
+  }
+  bool mass_jacobian(Vec q, Vec v, double by, Mat M) const override {
+    return right_.mass_jacobian(q, v, by, M);
+  }
+
+private:
+  Disguised right_;
+};
+
+TEST(NonlinearMoreauJean, AStepThatPassesThroughAWallFails) {
+  // A mass thrown at the wall q = 0 from 0.05 with 1 m/s, and nothing stops it: 10 steps of its speed behind
+  // the wall the run fails, and stands where the last good step left it.
+  const LagrangianSystem system = LagrangianSystem::dense(
+      PETSC_COMM_WORLD,
+      {.M = {1.0}, .K = {0.0}, .H = {1.0}, .q0 = {0.05}, .v0 = {-1.0}, .C = {0.0}, .e = {0.0}});
+  constexpr double h = 0.0625;
+  const TurnedOver model(system);
+  const auto dvi = make_moreau_jean(model, {.theta = 0.5}, {0.0, 2.0, 32});
+  TimeMarch time_march(*dvi, {0.0, 2.0, 32});
+  const StepReport report = time_march.run();
+  EXPECT_FALSE(report.certified);
+  EXPECT_NE(report.obstacle.find("constraint 0"), std::string::npos) << report.obstacle;
+  // -0.05 + k h > 10 h first at k = 11.
+  EXPECT_EQ(time_march.steps_taken(), 10);
+  EXPECT_NEAR(everywhere(dvi->position()).front(), 0.05 - 10 * h, 1e-12);
+  EXPECT_NEAR(dvi->penetration(), 10 * h - 0.05, 1e-12);
+}
+
 }  // namespace
 }  // namespace sweepvi::test
