@@ -46,5 +46,7 @@ private:
 /// @throws Error on every rank, if a row cannot be read
 /// @note Collective on comm.
 double largest_entry(MPI_Comm comm, Trajectory& trajectory);
+/// The same of each component. @note Collective on comm.
+std::vector<double> largest_entries(MPI_Comm comm, Trajectory& trajectory);
 
 }  // namespace sweepvi

@@ -49,6 +49,10 @@ struct TrajectoryError {
   double left_out = 0.0;  ///< share of the time from start to end that is not away from jumps
   double l1 = 0.0;        ///< integral of ||x_A(t) - x_B(t)||_2 dt, jumps included [x s]
   double final = 0.0;     ///< ||x_A(end) - x_B(end)||_2 [x]
+  /// Each component in its own unit: the largest of sup |x_A,i(t) - x_B,i(t)|, away from jumps, over the
+  /// largest |x_i| of any row of both. None where `sup` is none.
+  std::optional<double> relative;
+  std::size_t relative_component = 0;  ///< whose it is
 };
 
 /// Near a jump that comes later in one run than in the other, the difference is as large as the jump, however

@@ -39,6 +39,9 @@ std::string json_text(const Recorded& a, const Recorded& b, const Comparison& fo
         {"value", *found.errors.sup}, {"t", found.errors.sup_t}, {"left_out", found.errors.left_out}};
   else
     json["sup"] = {{"value", nullptr}, {"t", nullptr}, {"left_out", found.errors.left_out}};
+  json["by_component"] = {{"value", nullptr}, {"component", nullptr}};
+  if (found.errors.relative)
+    json["by_component"] = {{"value", *found.errors.relative}, {"component", found.worst_component}};
   json["l1"] = found.errors.l1;
   json["final"] = found.errors.final;
   json["events"] = nullptr;
@@ -86,6 +89,9 @@ void print(const Recorded& a, const Recorded& b, const Comparison& found) {
        fmt::format("largest ||x_A - x_B||_2 away from events{}; {:.3g} % of the time left out",
                    found.errors.sup ? fmt::format(", at t = {:g} s", found.errors.sup_t) : "",
                    100.0 * found.errors.left_out));
+  line("by component", found.errors.relative,
+       fmt::format("largest |x_A - x_B| of a component, over its own largest |x|{}",
+                   found.errors.relative ? fmt::format("; component {}", found.worst_component) : ""));
   line("L1 error", found.errors.l1, "integral of ||x_A - x_B||_2 dt");
   line("final error", found.errors.final, fmt::format("||x_A - x_B||_2 at t = {:g} s", found.errors.end));
   if (found.events_known)
@@ -115,7 +121,9 @@ ExitCode compare(MPI_Comm comm, const CommandLine& line) {
   const Recorded b = read_recorded(comm, line.other, line.components);
   check_alike(a, b);
   const double largest = std::max(largest_entry(comm, *a.trajectory), largest_entry(comm, *b.trajectory));
-  const Comparison found = measure(comm, a, b, largest, line.tolerance);
+  Comparison found = measure(comm, a, b, largest, line.tolerance);
+  found.worst_component = static_cast<std::int64_t>(found.errors.relative_component);
+  if (!line.components.empty()) found.worst_component = line.components[found.errors.relative_component];
   const std::vector<std::string> unused = report_unused_options(comm);
   if (line.summary)
     write_text(comm, *line.summary, json_text(a, b, found, ranks, MPI_Wtime() - begin, unused));

@@ -2,6 +2,7 @@
 
 #include <mpi.h>
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -16,6 +17,7 @@ struct Comparison {
   double largest = 0.0;  // |x| of both
   GraphDistance graphs;
   TrajectoryError errors;
+  std::int64_t worst_component = 0;  // errors.relative_component as /x has it
   EventErrors events;
   bool events_known = false;     // by both
   std::vector<double> measures;  // by level: largest difference of a constraint's sums; empty: unknown

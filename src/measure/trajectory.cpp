@@ -19,18 +19,23 @@ StoredTrajectory::StoredTrajectory(std::vector<double> t, std::vector<double> x)
   if (!std::is_sorted(t_.begin(), t_.end())) throw InputError("the times of a trajectory decrease");
 }
 
-double largest_entry(MPI_Comm comm, Trajectory& trajectory) {
-  double largest = 0.0;
+std::vector<double> largest_entries(MPI_Comm comm, Trajectory& trajectory) {
+  std::vector<double> largest(trajectory.components(), 0.0);
   agreed(comm, [&] {
     const Slab mine(comm, trajectory.rows());
     for (std::size_t k = mine.first; k < mine.last; ++k) {
       const double* x = trajectory.row(k);
-      for (std::size_t i = 0; i < trajectory.components(); ++i)
-        largest = std::max(largest, std::abs(x[i]));
+      for (std::size_t i = 0; i < largest.size(); ++i)
+        largest[i] = std::max(largest[i], std::abs(x[i]));
     }
   });
-  MPI_Allreduce(MPI_IN_PLACE, &largest, 1, MPI_DOUBLE, MPI_MAX, comm);
+  MPI_Allreduce(MPI_IN_PLACE, largest.data(), static_cast<int>(largest.size()), MPI_DOUBLE, MPI_MAX, comm);
   return largest;
+}
+
+double largest_entry(MPI_Comm comm, Trajectory& trajectory) {
+  const std::vector<double> largest = largest_entries(comm, trajectory);
+  return largest.empty() ? 0.0 : *std::max_element(largest.begin(), largest.end());
 }
 
 }  // namespace sweepvi

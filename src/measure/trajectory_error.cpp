@@ -96,6 +96,8 @@ public:
     a_.move_to(t);
     b_.move_to(t);
   }
+  const std::vector<double>& at_begin() const { return begin_; }
+  const std::vector<double>& at_end() const { return end_; }
   double norm_at_begin() const { return norm(begin_); }
   double norm_at_end() const { return norm(end_); }
   double mean() const { return mean_norm(begin_.data(), end_.data(), begin_.size()); }
@@ -115,6 +117,11 @@ private:
   Walker a_, b_;
   std::vector<double> begin_, end_;
 };
+
+void take_larger(const std::vector<double>& values, std::vector<double>& largest) {
+  for (std::size_t i = 0; i < values.size(); ++i)
+    largest[i] = std::max(largest[i], std::abs(values[i]));
+}
 
 /// From where to where in time this rank works: equally many rows of the finer trajectory.
 TimeSpan share_of_time(MPI_Comm comm, const Trajectory& a, const Trajectory& b, double start, double end) {
@@ -155,6 +162,7 @@ TrajectoryError trajectory_error(MPI_Comm comm, Trajectory& a, Trajectory& b,
     worst.value = value;
     error.sup_t = t;
   };
+  std::vector<double> apart(a.components(), 0.0);  // each component's largest difference
   const TimeSpan mine = share_of_time(comm, a, b, error.start, error.end);
   Difference difference(a, b, mine.first);
   auto jump = left_out.begin();
@@ -167,14 +175,31 @@ TrajectoryError trajectory_error(MPI_Comm comm, Trajectory& a, Trajectory& b,
     if (jump == left_out.end() || t <= jump->first) {  // a norm is convex: largest at an end
       raise(difference.norm_at_begin(), s);
       raise(difference.norm_at_end(), t);
+      take_larger(difference.at_begin(), apart);
+      take_larger(difference.at_end(), apart);
     }
     s = t;
   }
-  if (error.start == error.end && left_out.empty()) raise(error.final, error.end);
+  if (error.start == error.end && left_out.empty()) {
+    raise(error.final, error.end);
+    Difference at_end(a, b, error.end);
+    at_end.over(error.end, error.end);
+    take_larger(at_end.at_end(), apart);
+  }
   MPI_Allreduce(MPI_IN_PLACE, &error.l1, 1, MPI_DOUBLE, MPI_SUM, comm);
   MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPI_DOUBLE_INT, MPI_MAXLOC, comm);
   MPI_Bcast(&error.sup_t, 1, MPI_DOUBLE, worst.rank, comm);
-  if (worst.value >= 0.0) error.sup = worst.value;
+  if (worst.value < 0.0) return error;
+  error.sup = worst.value;
+  MPI_Allreduce(MPI_IN_PLACE, apart.data(), static_cast<int>(apart.size()), MPI_DOUBLE, MPI_MAX, comm);
+  std::vector<double> size = largest_entries(comm, a);
+  take_larger(largest_entries(comm, b), size);
+  error.relative = 0.0;
+  for (std::size_t i = 0; i < apart.size(); ++i) {
+    if (!(apart[i] > *error.relative * size[i])) continue;
+    error.relative = apart[i] / size[i];
+    error.relative_component = i;
+  }
   return error;
 }
 

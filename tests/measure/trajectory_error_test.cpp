@@ -269,5 +269,18 @@ TEST(Events, LeavesOverThoseWithoutWhichTheOthersAreNearest) {
   }
 }
 
+TEST(TrajectoryError, EachComponentHasItsOwnUnit) {
+  // A position in metres off by 1 in 1000, and a small angle off by 1 in 4, which one norm does not see.
+  const TrajectoryError error = between({{0.0, 1.0, 2.0}, {0.0, 0.0, 500.0, 2e-3, 1000.0, 3e-3}},
+                                        {{0.0, 2.0}, {0.0, 0.0, 1001.0, 4e-3}});
+  EXPECT_NEAR(error.sup.value(), 1.0, 1e-6);
+  EXPECT_NEAR(error.relative.value(), 0.25, 4 * eps);  // 1e-3 of 4e-3
+  EXPECT_EQ(error.relative_component, 1U);
+  // A component that is 0 in both is not apart, and what is all the same is not, either.
+  const TrajectoryError none =
+      between({{0.0, 1.0}, {0.0, 2.0, 0.0, 3.0}}, {{0.0, 1.0}, {0.0, 2.0, 0.0, 3.0}});
+  EXPECT_EQ(none.relative.value(), 0.0);
+}
+
 }  // namespace
 }  // namespace sweepvi
