@@ -29,7 +29,7 @@ struct DenseLagrangian {
 ///     M q'' + C q' + K q = f(t) + H' lambda,    0 <= g = H q + g0  _|_  lambda >= 0,
 ///     where g_a = 0:  (H v)_a+ >= -e_a (H v)_a-   (Newton's law of impact).
 ///
-/// M is symmetric with a positive diagonal (and should be positive definite), 0 <= e <= 1. Rows of M, K and C
+/// M is symmetric and positive definite, 0 <= e <= 1. Rows of M, K and C
 /// are laid out like q, rows of H like g. A rank may own nothing. The order of the rows is the solver's;
 /// `coordinate_order` and `constraint_order` lead back to the scene's.
 /// Source: Acary & Brogliato (AB), eq. (14)-(16).
@@ -57,8 +57,8 @@ struct LagrangianSystem {
   /// @note Collective on `comm`; all ranks pass the same numbers.
   static LagrangianSystem dense(MPI_Comm comm, const DenseLagrangian& given);
 
-  /// Checks what can be checked: M symmetric up to rounding with a positive diagonal, no empty row of H, e in
-  /// [0, 1]. That M is positive definite is not checked beyond its diagonal.
+  /// Checks what can be checked: M symmetric up to rounding and positive definite (where it is too large to
+  /// be factored: as far as Lanczos' method sees), no empty row of H, e in [0, 1].
   /// @throws Error (bad_input) on every rank, naming the scene's row. @note Collective.
   void check_values() const;
 };
@@ -126,6 +126,13 @@ struct MoreauJeanOptions {
 /// @note Collective.
 std::unique_ptr<MechanicalDvi> make_moreau_jean(const LagrangianSystem& system,
                                                 const MoreauJeanOptions& options, const TimeGrid& grid);
+
+/// Looks at the matrix of Moreau and Jean's steps, J = M + theta h C + theta^2 h^2 K, whose solution has to
+/// be the motion's: the symmetric part positive definite, or, where K or C is not symmetric, J nonsingular
+/// for all smaller h (from the eigenvalues of up to 200 coordinates; larger ones are not examined then).
+/// @return what was found, for people
+/// @throws Error (bad_input) on every rank, with the largest h that works. @note Collective.
+std::string check_step_matrix(const LagrangianSystem& system, double h, double theta);
 
 /// Why the unknowns cannot be v alone; empty if they can. @note Collective.
 std::string against_box_on_v(const LagrangianSystem& system);

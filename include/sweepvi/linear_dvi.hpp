@@ -18,18 +18,20 @@ enum class Form {
 };
 const char* name_of(Form form);
 
-/// Why a system cannot be solved as a box on z; empty if it can. @note Collective.
-std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& relative_degree,
-                             Scheme scheme);
+/// Why a system cannot be solved as a box on z; empty if it can. @param h  of the steps [s]; 0: states that
+/// are 0 at the start do not count for the condition of the coordinates @note Collective.
+std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme,
+                             double h = 0.0);
 
 /// The form to solve in: what -sweepvi_form asks for, else box_on_z where it fits (no extra unknowns).
 ///
 /// box_on_z needs the scheme homsp, degrees >= 1, inputs that are not shared (M diagonal), and outputs from
 /// which the states follow by local substitution, constraint and states on one rank (`distribute` sees to
-/// that).
+/// that); and coordinates that amplify the rounding of no state by more than 1e6.
 /// @throws Error (bad_input) on every rank if the form asked for does not fit, with the reason.
 /// @note Collective on the system's communicator.
-Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme);
+Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme,
+                 double h = 0.0);
 
 /// Discretises `system` on `grid` by homsp, zd_euler or naive_euler. `system` and `relative_degree` must
 /// outlive the result.

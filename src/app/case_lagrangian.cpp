@@ -5,6 +5,7 @@
 
 #include "app/case.hpp"
 #include "io/mechanical_recording.hpp"
+#include "model/definiteness.hpp"
 #include "model/from_scene.hpp"
 #include "petsc/sparse.hpp"
 
@@ -39,6 +40,8 @@ public:
         names_(state_names(scene)),
         system_(make_lagrangian_system(comm, scene)) {
     system_.check_values();
+    if (scene.time.scheme != Scheme::hybrid)
+      step_matrix_ = check_step_matrix(system_, scene.time.grid().h(), options_.theta);
     distribute(system_);
     dvi_ = make_moreau_jean(system_, options_, scene.time.grid());
     if (scene.time.scheme == Scheme::hybrid) hybrid_ = make_hybrid(*dvi_, system_);
@@ -66,6 +69,7 @@ private:
   MoreauJeanOptions options_;
   std::vector<std::string> names_;
   LagrangianSystem system_;
+  std::string step_matrix_;  // what was found of it; empty where nothing is stepped
   bool boxed_ = false;
   std::unique_ptr<MechanicalDvi> dvi_;
   std::unique_ptr<HybridProcess> hybrid_;
@@ -80,8 +84,11 @@ Lines LagrangianCase::report(std::int64_t unknowns) const {
   check(VecMax(system_.e.get(), nullptr, &most));
   Lines lines;
   lines.emplace_back("sizes", fmt::format("{} coordinates, {} constraints", n, system_.constraints()));
-  lines.emplace_back("mass matrix",
-                     couples(system_.M.get()) ? "symmetric, positive on its diagonal" : "diagonal, positive");
+  const bool diagonal = !couples(system_.M.get());
+  lines.emplace_back("mass matrix", diagonal ? std::string("diagonal, positive")
+                                             : fmt::format("symmetric, positive definite ({})",
+                                                           examine_definiteness(system_.M.get()).how_text()));
+  if (!step_matrix_.empty()) lines.emplace_back("step matrix", step_matrix_);
   lines.emplace_back("restitution",
                      least == most ? fmt::format("{}", least) : fmt::format("{} to {}", least, most));
   lines.emplace_back(

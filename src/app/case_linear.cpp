@@ -8,6 +8,7 @@
 #include "io/level_recording.hpp"
 #include "model/from_scene.hpp"
 #include "model/opposite.hpp"
+#include "model/step_matrix.hpp"
 #include "parallel/gather.hpp"
 #include "sweepvi/linear_dvi.hpp"
 #include "sweepvi/partition.hpp"
@@ -92,12 +93,15 @@ public:
   LinearCase(MPI_Comm comm, Scene& scene)
       : scheme_(scene.time.scheme == Scheme::hybrid ? Scheme::homsp : scene.time.scheme),
         theta_(scene.time.theta),
+        h_(scene.time.step),
         system_(make_linear_system(comm, scene)) {
     merge_opposite_constraints(system_);
     degree_ = analyse_relative_degree(system_);
     markov_ = check_markov_matrix(system_, degree_);
+    if (scene.time.scheme != Scheme::hybrid)
+      step_matrix_ = check_first_order_step(system_.A.get(), scene.time.grid().h(), theta_, "A");
     distribute(system_, degree_);
-    form_ = choose_form(system_, degree_, scheme_);
+    form_ = choose_form(system_, degree_, scheme_, h_);
     dvi_ = make_linear_dvi(system_, degree_, scheme_, form_, scene.time.grid(), theta_);
     if (scene.time.scheme == Scheme::hybrid) hybrid_ = make_hybrid(*dvi_, system_, degree_);
   }
@@ -124,17 +128,18 @@ private:
   std::string form_line() const;
 
   Scheme scheme_;
-  double theta_;
+  double theta_, h_;
   LinearSystem system_;
   RelativeDegree degree_;
   MarkovReport markov_;
+  std::string step_matrix_;  // what was found of it; empty where nothing is stepped
   Form form_ = Form::primal_dual;
   std::unique_ptr<ConstrainedDvi> dvi_;
   std::unique_ptr<HybridProcess> hybrid_;
 };
 
 std::string LinearCase::form_line() const {
-  const std::string obstacle = against_box_on_z(system_, degree_, scheme_);
+  const std::string obstacle = against_box_on_z(system_, degree_, scheme_, h_);
   return form() + (form_ == Form::box_on_z ? ": outputs are unknowns, their rows read the measures"
                    : obstacle.empty()      ? ", as asked; box on z would do without multipliers"
                                            : ": " + obstacle);
@@ -171,6 +176,7 @@ Lines LinearCase::report(std::int64_t unknowns) const {
           : fmt::format("{} states, largest real part of the spectrum {:.3g} 1/s{}", zero.size,
                         zero.largest_real_part,
                         zero.largest_real_part > 1e-9 ? " (unstable: non-minimum phase)" : ""));
+  if (!step_matrix_.empty()) lines.emplace_back("step matrix", step_matrix_);
   lines.emplace_back("form", form_line());
   if (scheme_ == Scheme::homsp)
     lines.emplace_back("time stepping",

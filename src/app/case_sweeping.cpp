@@ -4,6 +4,7 @@
 
 #include "app/case.hpp"
 #include "io/step_events.hpp"
+#include "model/step_matrix.hpp"
 #include "model/sweeping_from_scene.hpp"
 
 namespace sweepvi::app {
@@ -15,6 +16,8 @@ class SweepingCase final : public Case {
 public:
   SweepingCase(MPI_Comm comm, Scene& scene)
       : grid_(scene.time.grid()), system_(make_sweeping_system(comm, std::get<SweepingSpec>(scene.model))) {
+    if (system_.A && scene.time.scheme != Scheme::hybrid)
+      step_matrix_ = check_first_order_step(system_.A.get(), grid_.h(), 1.0, "A");
     distribute(system_);
     dvi_ = make_sweeping_dvi(system_, grid_);
     if (scene.time.scheme == Scheme::hybrid) hybrid_ = make_hybrid(*dvi_, system_);
@@ -37,6 +40,7 @@ public:
 private:
   TimeGrid grid_;
   SweepingSystem system_;
+  std::string step_matrix_;  // what was found of it; empty where there is no A
   std::unique_ptr<ConstrainedDvi> dvi_;
   std::unique_ptr<HybridProcess> hybrid_;
 };
@@ -114,6 +118,7 @@ Lines SweepingCase::report(std::int64_t unknowns) const {
                                    growth < 1.0 ? "each step has exactly one solution"
                                                 : "1 or more, steps may have none or several solutions"));
   }
+  if (!step_matrix_.empty()) lines.emplace_back("step matrix", step_matrix_);
   lines.emplace_back("form", form());
   lines.emplace_back("unknowns", system_.is_box()
                                      ? fmt::format("{} (components)", unknowns)

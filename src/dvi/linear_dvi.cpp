@@ -1,8 +1,11 @@
 #include "sweepvi/linear_dvi.hpp"
 
+#include <fmt/format.h>
+
 #include <string>
 
 #include "dvi/box_on_z.hpp"
+#include "dvi/coordinate_condition.hpp"
 #include "dvi/form_option.hpp"
 #include "dvi/primal_dual.hpp"
 #include "petsc/sparse.hpp"
@@ -13,8 +16,8 @@ const char* name_of(Form form) {
   return form == Form::box_on_z ? "box on z" : "primal-dual";
 }
 
-std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& relative_degree,
-                             Scheme scheme) {
+std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme,
+                             double h) {
   if (scheme != Scheme::homsp) return std::string("the scheme is ") + name_of(scheme) + ", not homsp";
   if (relative_degree.lowest < 1) return "some constraint has relative degree 0";
   if (!relative_degree.has_pivots)
@@ -25,12 +28,15 @@ std::string against_box_on_z(const LinearSystem& system, const RelativeDegree& r
   for (const PetscInt pivot : relative_degree.pivot)
     if (!states.contains(pivot)) away = 1;
   MPI_Allreduce(MPI_IN_PLACE, &away, 1, MPI_INT, MPI_LOR, system.comm());
-  return away != 0 ? "a constraint and the states it reads are on different ranks" : "";
+  if (away != 0) return "a constraint and the states it reads are on different ranks";
+  const double condition = coordinate_condition(system, relative_degree, h);
+  if (condition <= most_amplified) return "";
+  return fmt::format("the change to outputs as coordinates amplifies rounding {:.1e} times", condition);
 }
 
-Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme) {
+Form choose_form(const LinearSystem& system, const RelativeDegree& relative_degree, Scheme scheme, double h) {
   const std::string asked = asked_form(system.comm());
-  const std::string obstacle = against_box_on_z(system, relative_degree, scheme);
+  const std::string obstacle = against_box_on_z(system, relative_degree, scheme, h);
   if (asked == "primal-dual") return Form::primal_dual;
   if (asked == "auto") return obstacle.empty() ? Form::box_on_z : Form::primal_dual;
   if (asked != "box-on-z")

@@ -101,16 +101,23 @@ void OutputCoordinates::to_x(Vec u, Vec x) const {
   }
 }
 
-Matrix OutputCoordinates::to_u_matrix() const {
-  if (!diagonal_) return Matrix::share(W_.get());
+Matrix OutputCoordinates::scaling(bool inverse) const {
   const PetscInt first = row_range(system_.A.get()).first;
   const ReadArray scale(scale_.get());
   RowBuilder rows;
   for (PetscInt i = 0; i < scale.size(); ++i) {
-    rows.add(first + i, scale[i]);
+    rows.add(first + i, inverse ? 1.0 / scale[i] : scale[i]);
     rows.end_row();
   }
   return rows.finish(system_.comm(), scale.size());
+}
+
+Matrix OutputCoordinates::to_u_matrix() const {
+  return diagonal_ ? scaling(false) : Matrix::share(W_.get());
+}
+
+Matrix OutputCoordinates::to_x_matrix() const {
+  return diagonal_ ? scaling(true) : Matrix::share(inverse_.get());
 }
 
 Matrix OutputCoordinates::companion() const {

@@ -26,6 +26,7 @@ public:
   /// W is the identity: u is x, but for g.
   bool plain() const { return plain_; }
   Matrix to_u_matrix() const;     ///< W
+  Matrix to_x_matrix() const;     ///< W^{-1}
   void to_u(Vec x, Vec u) const;  ///< u = W x
   void to_x(Vec u, Vec x) const;  ///< x = W^{-1} u
 
@@ -40,6 +41,7 @@ public:
   Matrix inverse_jumps(Mat jumps) const;
 
 private:
+  Matrix scaling(bool inverse) const;
   void find_positions();
   void find_inverse();
 

@@ -7,7 +7,9 @@
 #include <optional>
 #include <utility>
 
+#include "model/definiteness.hpp"
 #include "model/dense_parts.hpp"
+#include "model/step_matrix.hpp"
 
 namespace sweepvi {
 
@@ -116,6 +118,16 @@ void LagrangianSystem::check_values() const {
         throw InputError(fmt::format("e of constraint {} is {}; expected 0 to 1", number, value));
     });
   });
+  const Definiteness mass = examine_definiteness(M.get());
+  if (mass.definite) return;
+  const std::string where =
+      mass.largest.empty()
+          ? fmt::format("its smallest eigenvalue is {:.3g} with a diagonal of ones", mass.form)
+          : fmt::format("v' M v = {:.3g} for a v along {}", mass.form, coordinates_text(*this, mass.largest));
+  throw InputError(
+      "model.M is not positive definite (" + where +
+      "): not every motion has a kinetic energy; give each coordinate a mass of its own, or leave out "
+      "coordinates that follow from others");
 }
 
 namespace {
