@@ -10,12 +10,13 @@ namespace sweepvi {
 
 /// What the program returns; the numbers are part of the command line's contract.
 enum class ExitCode : int {
-  done = 0,       ///< every step certified
-  internal = 1,   ///< a bug
-  bad_input = 2,  ///< bad usage, scene or data; nothing was computed or written
-  unsolved = 3,   ///< a step could not be solved or certified
-  stopped = 4,    ///< stopped by a signal or a limit
-  output = 5      ///< output could not be written
+  done = 0,        ///< every step certified
+  internal = 1,    ///< a bug
+  bad_input = 2,   ///< bad usage, scene or data; nothing was computed or written
+  unsolved = 3,    ///< a step could not be solved or certified
+  stopped = 4,     ///< stopped by a signal or a limit
+  output = 5,      ///< output could not be written
+  uncertified = 6  ///< done, but with a certificate too loose to be one
 };
 
 /// A failure with the exit code it leads to. The message says what is wrong, where, what was found and

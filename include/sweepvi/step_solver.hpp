@@ -24,6 +24,11 @@ struct CertificateOptions {
   double target = 1e-14;      ///< -sweepvi_target_rtol: where the solver stops improving [-], > 0 and <= rtol
   double stagnation = 1e-12;  ///< it also stops below this when a step no longer improves: what then is left
                               ///< of a held output still counts as held
+
+  /// Whether what it passes may be called certified. What was computed with a looser tolerance is done, and
+  /// no more (ExitCode::uncertified).
+  bool certifies() const { return rtol <= loosest; }
+  static constexpr double loosest = 1e-6;
 };
 
 /// Where a step's solve starts.

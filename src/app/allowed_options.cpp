@@ -14,8 +14,7 @@ namespace {
 enum class Value { none, word, number };
 
 const std::map<std::string_view, Value>& allowed() {
-  static const std::map<std::string_view, Value> options = {{"-sweepvi_certificate_rtol", Value::number},
-                                                            {"-sweepvi_target_rtol", Value::number},
+  static const std::map<std::string_view, Value> options = {{"-sweepvi_target_rtol", Value::number},
                                                             {"-sweepvi_predictor", Value::word},
                                                             {"-sweepvi_linearisation", Value::word},
                                                             {"-sweepvi_halvings", Value::number},

@@ -214,6 +214,7 @@ void Bench::time_one(BenchRow& row, bool first) {
   const Resident before = rows_.size() > 1 ? Resident::restart() : Resident::read();
   ReadyRun ready(comm_, line_, {{}, 0.0, {}, row.setting}, read_);
   check_length(ready.time());
+  row.certified = ready.march().solver().certificate().certifies();
   row.setup.push_back(MPI_Wtime() - begin);
   if (first) {
     Summary sizes;
@@ -296,7 +297,11 @@ ExitCode Bench::go() {
   const auto count = [&](auto&& holds) { return std::count_if(rows_.begin(), rows_.end(), holds); };
   const auto failed = count([](const BenchRow& row) { return !row.failure.empty(); });
   const auto stopped = count([](const BenchRow& row) { return row.stopped; });
-  const ExitCode code = failed > 0 ? ExitCode::unsolved : stopped > 0 ? ExitCode::stopped : ExitCode::done;
+  const auto loose = count([](const BenchRow& row) { return !row.certified; });
+  const ExitCode code = failed > 0    ? ExitCode::unsolved
+                        : stopped > 0 ? ExitCode::stopped
+                        : loose > 0   ? ExitCode::uncertified
+                                      : ExitCode::done;
   write(code);
   if (failed > 0)
     throw Error(code, rows_.size() == 1 ? rows_.front().failure
@@ -305,6 +310,11 @@ ExitCode Bench::go() {
   if (stopped > 0)
     throw Error(code, fmt::format("stopped by --wall-limit {:g}; the numbers are of the steps before it",
                                   *line_.wall_limit));
+  if (loose > 0)
+    throw Error(
+        code, fmt::format("{} of {} settings are done, but not certified: -sweepvi_certificate_rtol is above "
+                          "{:.0e}",
+                          loose, rows_.size(), CertificateOptions::loosest));
   return code;
 }
 

@@ -37,7 +37,8 @@ double matmults_per_step(const BenchRow& row) {
 }
 
 const char* status(const BenchRow& row) {
-  return !row.failure.empty() ? "failed" : row.stopped ? "stopped" : "done";
+  if (!row.failure.empty()) return "failed";
+  return row.stopped ? "stopped" : row.certified ? "done" : "done, not certified";
 }
 
 /// A line of the table: what it is, and how a setting's number is written.

@@ -14,8 +14,9 @@ namespace sweepvi::app {
 /// the first, as all rounds take the same steps.
 struct BenchRow {
   Setting setting;
-  std::string failure;   ///< why there is nothing else; empty: its steps were certified
-  bool stopped = false;  ///< by --wall-limit
+  std::string failure;    ///< why there is nothing else; empty: its steps were certified
+  bool stopped = false;   ///< by --wall-limit
+  bool certified = true;  ///< its tolerance is one that certifies
   std::string form, snes_type, predictor;
   std::int64_t unknowns = 0, constraints = 0, jacobian_nonzeros = 0, edge_cut = 0;
   double h = 0.0;                              ///< [s]

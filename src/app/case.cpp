@@ -2,6 +2,7 @@
 
 #include "app/options.hpp"
 #include "app/room.hpp"
+#include "io/unresolved_signals.hpp"
 
 namespace sweepvi::app {
 
@@ -16,6 +17,7 @@ Scene load(MPI_Comm comm, const CommandLine& line) {
   Scene scene = read_scene(comm, line.scene, line.overrides);
   insert_scene_options(line, scene.petsc_options, scene.petsc_options_set);
   require_room(comm, scene);
+  find_unresolved_signals(comm, scene);
   return scene;
 }
 

@@ -68,6 +68,8 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
     print_row("hybrid",
               fmt::format("recorded in these steps, and before and after each event; tolerance {:.3g}",
                           time.tolerance));
+  for (const Note& note : notes_before(time))
+    print_row("warning", note.text);
   for (const auto& [name, text] : lines)
     print_row(name, text);
   print_row("solver",

@@ -479,13 +479,13 @@ std::string general_help() {
       "with -sweepvi_; -help after a scene lists those of the objects it builds.\n"
       "\nExit codes:\n{}",
       columns(rows), columns(service_verbs()),
-      columns(
-          {{"0", "done; every step certified"},
-           {"1", "internal error: a bug"},
-           {"2", "bad usage, scene or data; nothing was computed or written"},
-           {"3", "a step could not be solved or certified; the output holds everything before it"},
-           {"4", "stopped by SIGUSR1, SIGTERM, SIGINT or --wall-limit; --restart goes on"},
-           {"5", "output could not be written (disk full, no permission, existing file without --force)"}}));
+      columns({{"0", "done; every step certified"},
+               {"1", "internal error: a bug"},
+               {"2", "bad usage, scene or data; nothing was computed or written"},
+               {"3", "a step could not be solved or certified; the output holds everything before it"},
+               {"4", "stopped by SIGUSR1, SIGTERM, SIGINT or --wall-limit; --restart goes on"},
+               {"5", "output could not be written (disk full, no permission, existing file without --force)"},
+               {"6", "done, but not certified: -sweepvi_certificate_rtol is above 1e-6"}}));
 }
 
 }  // namespace

@@ -14,6 +14,12 @@ std::string why_unsolved(const StepReport& report, const CertificateOptions& cer
   return text;
 }
 
+std::string why_uncertified(const CertificateOptions& certificate) {
+  return fmt::format(
+      "done, but not certified: -sweepvi_certificate_rtol {:.3g} is above {:.0e}; its default is {:.0e}",
+      certificate.rtol, CertificateOptions::loosest, CertificateOptions{}.rtol);
+}
+
 std::string failure_text(const TimeMarch& march, const StepReport& report) {
   const PetscInt number = march.steps_taken() + 1;
   const std::string step = fmt::format("step {}, t = {:.6g} s: ", number, march.grid().time(number));

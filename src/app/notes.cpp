@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "app/summary.hpp"
+#include "io/unresolved_signals.hpp"
 
 namespace sweepvi::app {
 
@@ -15,8 +16,21 @@ constexpr double same_step = 1e-9;
 
 }  // namespace
 
-std::vector<Note> notes_of(const TimeSpec& time, const Summary& summary) {
+std::vector<Note> notes_before(const TimeSpec& time) {
   std::vector<Note> notes;
+  if (time.unresolved_signals > 0)
+    notes.push_back(
+        {"unresolved_signal", time.unresolved_signals,
+         fmt::format("{} signal{} of up to {:.6g} Hz {} not resolved by steps of {:.6g} s: {:.3g} periods in "
+                     "a step, where {:g} would do",
+                     time.unresolved_signals, time.unresolved_signals == 1 ? "" : "s", time.fastest_signal,
+                     time.unresolved_signals == 1 ? "is" : "are", time.step, time.fastest_signal * time.step,
+                     most_periods_in_step)});
+  return notes;
+}
+
+std::vector<Note> notes_of(const TimeSpec& time, const Summary& summary) {
+  std::vector<Note> notes = notes_before(time);
   const bool hybrid = time.scheme == Scheme::hybrid;
   if (std::abs(time.step - time.asked_step) > same_step * time.asked_step)
     notes.push_back({"step_adjusted", 1,

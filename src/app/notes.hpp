@@ -22,6 +22,9 @@ struct Note {
 /// The notes of a run, from what was asked and what was counted. @note Not collective, the same on all ranks.
 std::vector<Note> notes_of(const TimeSpec& time, const Summary& summary);
 
+/// What there is to say of a run before its first step.
+std::vector<Note> notes_before(const TimeSpec& time);
+
 /// One a line, as the attribute of the file has them.
 std::string lines_of(const std::vector<Note>& notes);
 

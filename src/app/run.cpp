@@ -189,12 +189,16 @@ void Run::conclude() {
   const bool failed = !report_.certified;
   if (failed && report_.obstacle.empty())
     summary_.max_residual = std::max(summary_.max_residual, report_.residual);
-  summary_.exit = failed ? ExitCode::unsolved : stopped_ ? ExitCode::stopped : ExitCode::done;
-  summary_.status = failed ? "failed" : stopped_ ? "stopped" : "done";
+  const bool certifies = march_->solver().certificate().certifies();
+  summary_.exit = failed       ? ExitCode::unsolved
+                  : stopped_   ? ExitCode::stopped
+                  : !certifies ? ExitCode::uncertified
+                               : ExitCode::done;
+  summary_.status = failed ? "failed" : stopped_ ? "stopped" : !certifies ? "done, not certified" : "done";
   if (model_->hybrid() != nullptr) summary_.hybrid = march_->hybrid_counts();
   summary_.notes = notes_of(scene_.time, summary_);
   CheckpointData goes_on;
-  const bool complete = summary_.exit == ExitCode::done;
+  const bool complete = !failed && !stopped_;
   recorder_->abandon();
   if (!complete) {
     goes_on = checkpointing_->collect(*model_, *recorder_, summary_);
@@ -238,6 +242,9 @@ void Run::tell() const {
 ExitCode Run::go() {
   if (line_.help_requested) return ExitCode::done;  // the objects have printed their options
   open();
+  if (rank_ == 0)
+    for (const Note& note : notes_before(scene_.time))
+      std::fprintf(stderr, "sweepvi: warning: %s\n", note.text.c_str());
   summary_.constraints = model_->constraints();
   summary_.edge_cut = model_->edge_cut();
   summary_.describe(march_->solver());
@@ -268,6 +275,8 @@ ExitCode Run::go() {
     throw Error(ExitCode::stopped,
                 fmt::format("stopped by {} after step {} of {}, t = {:.6g} s. Go on with --restart {}",
                             watch_->reason(), summary_.steps, scene_.time.steps, march_->time(), path_));
+  if (summary_.exit == ExitCode::uncertified)
+    throw Error(summary_.exit, why_uncertified(march_->solver().certificate()));
   return ExitCode::done;
 }
 

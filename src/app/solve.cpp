@@ -25,8 +25,13 @@ std::vector<double> petsc_bounds(std::vector<double> bounds) {
   return bounds;
 }
 
+const char* status_of(const StepReport& report, bool certifies) {
+  if (!report.certified) return "failed";
+  return certifies ? "done" : "done, not certified";
+}
+
 void record(MPI_Comm comm, const std::string& path, bool overwrite, const Problem& problem,
-            const std::string& started, const StepReport& report, Vec u, Vec f) {
+            const std::string& started, const StepReport& report, bool certifies, Vec u, Vec f) {
   PetscInt size = 0;
   PetscInt first = 0;
   PetscInt last = 0;
@@ -61,7 +66,7 @@ void record(MPI_Comm comm, const std::string& path, bool overwrite, const Proble
     file.integer(5)[k] = report.certified && k == static_cast<std::size_t>(report.rung) ? 1 : 0;
   file.commit_row();
   describe(file, comm, "", problem.text, {}, started);
-  file.attribute("status", report.certified ? "done" : "failed");
+  file.attribute("status", status_of(report, certifies));
   file.attribute("finished", timestamp());
   file.finish();
 }
@@ -101,8 +106,9 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   summary.seconds_stepping = MPI_Wtime() - begin - summary.seconds_setup;
   vi.accept(solver.solution(), solver.residual());
   summary.steps = 1;
-  summary.exit = report.certified ? ExitCode::done : ExitCode::unsolved;
-  summary.status = report.certified ? "done" : "failed";
+  const bool certifies = solver.certificate().certifies();
+  summary.exit = !report.certified ? ExitCode::unsolved : certifies ? ExitCode::done : ExitCode::uncertified;
+  summary.status = status_of(report, certifies);
   summary.snes_iterations = report.iterations;
   summary.predictor_hits = report.predicted ? 1 : 0;
   summary.max_residual = report.residual;
@@ -111,7 +117,7 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   const Vector forces = duplicate(solver.residual());
   check(VecCopy(solver.residual(), forces.get()));
   vi.unscale(forces.get());
-  record(comm, path, line.force, problem, started, report, solver.solution(), forces.get());
+  record(comm, path, line.force, problem, started, report, certifies, solver.solution(), forces.get());
   summary.time_matmult(solver.jacobian());
   summary.mumps_flops = solver.mumps_flops();
   summary.unused_options = report_unused_options(comm);
@@ -124,8 +130,9 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   if (rank == 0)
-    fmt::print("{}: certified, worst ratio {:.2g}, {} Newton iterations, {} unknowns\n", path,
-               report.residual, report.iterations, size);
+    fmt::print("{}: {}certified, worst ratio {:.2g}, {} Newton iterations, {} unknowns\n", path,
+               certifies ? "" : "not ", report.residual, report.iterations, size);
+  if (!certifies) throw Error(summary.exit, why_uncertified(solver.certificate()));
   return ExitCode::done;
 }
 

@@ -49,7 +49,7 @@ private:
   std::vector<StudyRow> run_all();
   StudyRow run_one(const StudyRun& run);
   void say(std::size_t number, const StudyRun& run);
-  void write(const std::vector<StudyRow>& rows, std::size_t failed);
+  void write(const std::vector<StudyRow>& rows, std::size_t failed, std::size_t loose);
 
   MPI_Comm comm_;
   const CommandLine& line_;
@@ -156,6 +156,7 @@ StudyRow Study::run_one(const StudyRun& run) {
     row.h = ready.time().step;
     if (run.scheme == name_of(Scheme::hybrid)) row.tolerance = ready.time().tolerance;
     row.failure = result.failure;
+    row.certified = ready.march().solver().certificate().certifies();
     seconds.push_back(result.seconds);
     if (i > 0) continue;
     kept = std::move(result.kept);
@@ -187,15 +188,17 @@ std::vector<StudyRow> Study::run_all() {
   return rows;
 }
 
-void Study::write(const std::vector<StudyRow>& rows, std::size_t failed) {
+void Study::write(const std::vector<StudyRow>& rows, std::size_t failed, std::size_t loose) {
   give_back(read_);
   const std::vector<std::string> unused = report_unused_options(comm_);
   const std::size_t components = reference_->trajectory->components();
   if (line_.csv) write_text(comm_, *line_.csv, csv_text(rows));
   if (line_.summary) {
     nlohmann::ordered_json json;
-    json["exit"] = static_cast<int>(failed > 0 ? ExitCode::unsolved : ExitCode::done);
-    json["status"] = failed > 0 ? "failed" : "done";
+    json["exit"] = static_cast<int>(failed > 0  ? ExitCode::unsolved
+                                    : loose > 0 ? ExitCode::uncertified
+                                                : ExitCode::done);
+    json["status"] = failed > 0 ? "failed" : loose > 0 ? "done, not certified" : "done";
     json["scene"] = line_.scene;
     json["reference"] = reference_name_;
     json["components"] = components;
@@ -225,10 +228,17 @@ ExitCode Study::go() {
   const std::vector<StudyRow> rows = run_all();
   const auto failed = static_cast<std::size_t>(
       std::count_if(rows.begin(), rows.end(), [](const StudyRow& row) { return !row.failure.empty(); }));
-  write(rows, failed);
+  const auto loose = static_cast<std::size_t>(
+      std::count_if(rows.begin(), rows.end(), [](const StudyRow& row) { return !row.certified; }));
+  write(rows, failed, loose);
   if (failed > 0)
     throw Error(ExitCode::unsolved,
                 fmt::format("{} of {} runs failed; the table says why", failed, rows.size()));
+  if (loose > 0)
+    throw Error(
+        ExitCode::uncertified,
+        fmt::format("{} of {} runs are done, but not certified: -sweepvi_certificate_rtol is above {:.0e}",
+                    loose, rows.size(), CertificateOptions::loosest));
   return ExitCode::done;
 }
 

@@ -34,6 +34,7 @@ std::vector<Entry> entries(const StudyRow& row) {
           {"hausdorff_order", row.hausdorff_order},
           {"sup", done ? found.errors.sup : std::nullopt},
           {"sup_left_out", real(found.errors.left_out)},
+          {"by_component", done ? found.errors.relative : std::nullopt},
           {"l1", real(found.errors.l1)},
           {"events", events && found.events.matched > 0 ? Number(found.events.largest) : std::nullopt},
           {"events_unmatched",
@@ -61,7 +62,7 @@ std::string quoted(const std::string& text) {
 }
 
 const char* status(const StudyRow& row) {
-  return row.failure.empty() ? "done" : "failed";
+  return !row.failure.empty() ? "failed" : row.certified ? "done" : "done, not certified";
 }
 
 std::string text_of(const Number& value, const char* format) {
@@ -88,6 +89,7 @@ std::vector<std::string> cells(const StudyRow& row, bool several_settings, bool 
   line.push_back(fmt::format("{:.3g}", row.seconds));
   line.push_back(fmt::format("{:.3g}..{:.3g}", row.seconds_min, row.seconds_max));
   line.push_back(fmt::format("{}", row.steps));
+  if (!row.certified) line.back() += " (not certified)";
   if (row.steps_in_parts > 0) line.back() += fmt::format(" ({} in parts)", row.steps_in_parts);
   line.push_back(fmt::format("{}", row.linear_solves));
   line.push_back(fmt::format("{}", row.newton_iterations));

@@ -19,6 +19,7 @@ struct StudyRow {
   std::optional<double> final_order, hausdorff_order;  ///< from the row before to this one
   double seconds = 0.0, seconds_min = 0.0, seconds_max = 0.0;  ///< of stepping; median over the repeats
   double matmults_per_step = 0.0;
+  bool certified = true;                       ///< its tolerance is one that certifies
   std::int64_t steps = 0, steps_in_parts = 0;  ///< in parts: their scheme is that of smaller steps
   std::int64_t linear_solves = 0, newton_iterations = 0;
 };

@@ -22,12 +22,14 @@ namespace sweepvi {
 /// `[time]`: K = max(1, round((end - start) / step)) steps of h = (end - start) / K.
 struct TimeSpec {
   Scheme scheme = Scheme::homsp;
-  double tolerance = 1e-8;  ///< hybrid
-  double start = 0.0;       ///< [s]
-  double end = 0.0;         ///< [s]
-  double step = 0.0;        ///< h [s], already adjusted to hit `end`
-  double asked_step = 0.0;  ///< as the scene has it [s]
-  std::int64_t steps = 0;   ///< K
+  double tolerance = 1e-8;              ///< hybrid
+  double start = 0.0;                   ///< [s]
+  double end = 0.0;                     ///< [s]
+  double step = 0.0;                    ///< h [s], already adjusted to hit `end`
+  double asked_step = 0.0;              ///< as the scene has it [s]
+  std::int64_t unresolved_signals = 0;  ///< whose frequency times h is above 0.1; on every rank
+  double fastest_signal = 0.0;          ///< their highest frequency [Hz]
+  std::int64_t steps = 0;               ///< K
   double theta = 1.0;  ///< weight of t_{k+1} in state terms, (0, 1]; homsp, moreau-jean, zhuravlev-ivanov
   double gamma = 1.0;  ///< the same of multipliers, (0, 1]; zhuravlev-ivanov
   Detection detection = Detection::predicted;  ///< moreau-jean
