@@ -16,6 +16,7 @@
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
 #include "app/versions.hpp"
+#include "io/printable.hpp"
 
 namespace sweepvi::app {
 
@@ -249,7 +250,7 @@ void Bench::time_one(BenchRow& row, bool first) {
 void Bench::say(int round, const BenchRow& row) {
   if (rank_ != 0 || MPI_Wtime() - said_ < log_interval) return;
   said_ = MPI_Wtime();
-  std::fprintf(stderr, "round %d of %d: %s\n", round + 1, rounds_, row.setting.name.c_str());
+  std::fprintf(stderr, "round %d of %d: %s\n", round + 1, rounds_, printable(row.setting.name).c_str());
 }
 
 void Bench::write(ExitCode code) {
@@ -274,9 +275,9 @@ void Bench::write(ExitCode code) {
   }
   if (rank_ != 0) return;
   const BenchRow& row = rows_.front();
-  fmt::print("{}: {} unknowns ({}), {} constraint{}, {} rank{}\nBLAS {}\n", line_.scene, row.unknowns,
-             row.form, row.constraints, row.constraints == 1 ? "" : "s", ranks_, ranks_ == 1 ? "" : "s",
-             blas_description());
+  fmt::print("{}: {} unknowns ({}), {} constraint{}, {} rank{}\nBLAS {}\n", printable(line_.scene),
+             row.unknowns, row.form, row.constraints, row.constraints == 1 ? "" : "s", ranks_,
+             ranks_ == 1 ? "" : "s", blas_description());
   fmt::print("{} steps of {:.6g} s to warm up, {} to time, {} round{}\n\n{}", warmup_, row.h, count_, rounds_,
              rounds_ == 1 ? "" : "s", table_text(rows_));
 }

@@ -1,5 +1,7 @@
 #include "app/bench_table.hpp"
 
+#include "io/printable.hpp"
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -107,7 +109,7 @@ std::string table_text(const std::vector<BenchRow>& rows) {
   if (rows.size() > 1) {
     cells.push_back({""});
     for (const BenchRow& row : rows)
-      cells.back().push_back(row.setting.name);
+      cells.back().push_back(printable(row.setting.name));
   }
   if (std::any_of(rows.begin(), rows.end(), [](const BenchRow& row) { return row.done(); }))
     for (const Line& line : lines(rows)) {
@@ -127,7 +129,8 @@ std::string table_text(const std::vector<BenchRow>& rows) {
     text += '\n';
   }
   for (const BenchRow& row : rows)
-    if (!row.failure.empty()) text += fmt::format("{} failed: {}\n", row.setting.name, row.failure);
+    if (!row.failure.empty())
+      text += fmt::format("{} failed: {}\n", printable(row.setting.name), printable(row.failure));
   return text;
 }
 

@@ -5,6 +5,7 @@
 #include "app/room.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
+#include "io/printable.hpp"
 #include "io/toml_table.hpp"
 #include "parallel/memory.hpp"
 #include "sweepvi/time_march.hpp"
@@ -14,7 +15,7 @@ namespace sweepvi::app {
 namespace {
 
 void print_row(const std::string& name, const std::string& text) {
-  fmt::print("{:<20} {}\n", name, text);
+  fmt::print("{:<20} {}\n", name, printable_lines(text));
 }
 
 /// Whether the document is one for `solve`; what cannot be read is left to those who complain about it.
@@ -61,7 +62,8 @@ ExitCode check_scene(MPI_Comm comm, const CommandLine& line) {
 
   const auto nonzeros = static_cast<double>(counts.jacobian_nonzeros);
   const auto unknowns = static_cast<double>(counts.unknowns);
-  print_row("scene", line.scene + (scene.title.empty() ? "" : " (" + scene.title + ")"));
+  print_row("scene",
+            printable(line.scene) + (scene.title.empty() ? "" : " (" + printable(scene.title) + ")"));
   print_row("steps", fmt::format("{} of {:.9g} s from {:.9g} s to {:.9g} s, scheme {}", time.steps, time.step,
                                  time.start, time.end, name_of(time.scheme)));
   if (time.scheme == Scheme::hybrid)

@@ -8,6 +8,7 @@
 #include "app/options.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
+#include "io/printable.hpp"
 #include "io/recorded.hpp"
 
 namespace sweepvi::app {
@@ -73,8 +74,8 @@ std::string events_text(const EventErrors& events) {
 
 void print(const Recorded& a, const Recorded& b, const Comparison& found) {
   for (const auto& [name, file] : {std::pair{"A", &a}, {"B", &b}})
-    fmt::print("{}: {}, {} rows from {:g} s to {:g} s\n", name, file->path, file->trajectory->rows(),
-               file->trajectory->t().front(), file->trajectory->t().back());
+    fmt::print("{}: {}, {} rows from {:g} s to {:g} s\n", name, printable(file->path),
+               file->trajectory->rows(), file->trajectory->t().front(), file->trajectory->t().back());
   fmt::print("{} of {} components; largest |x| {:g}; at equal times: from {:g} s to {:g} s\n\n",
              a.trajectory->components(), a.columns, found.largest, found.errors.start, found.errors.end);
   const auto line = [](const std::string& name, const std::optional<double>& value, const std::string& text) {

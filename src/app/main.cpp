@@ -88,7 +88,7 @@ void check_output() {
 }
 
 void complain(int rank, const char* message) {
-  if (rank == 0) std::fprintf(stderr, "sweepvi: %s\n", printable_lines(message).c_str());
+  if (rank == 0) std::fprintf(stderr, "sweepvi: %s\n", printable(message).c_str());
 }
 
 }  // namespace
@@ -123,12 +123,11 @@ int main(int argc, char** argv) {
   try {
     opened.emplace(argv[0], words);
   } catch (const Error& error) {  // an option that PetscInitialize itself refuses; there is no rank to ask
-    std::fprintf(stderr, "sweepvi: %s\n", error.what());
+    std::fprintf(stderr, "sweepvi: %s\n", printable(error.what()).c_str());
     return static_cast<int>(error.code());
   }
   Session& session = *opened;
-  if (runs) app::note_signals();  // again: PETSc may have caught some itself, and given others back
-  signal(SIGPIPE, SIG_IGN);
+  if (runs) app::note_signals();  // again: MPI may have caught some itself
   int rank = 0;
   MPI_Comm_rank(session.comm(), &rank);
   if (bad_usage) {
@@ -144,7 +143,7 @@ int main(int argc, char** argv) {
     code = error.code();
     if (code == ExitCode::internal || TableFile::damaged()) {
       // Perhaps only this rank is here; the others must not wait for it.
-      std::fprintf(stderr, "sweepvi: [rank %d] %s%s\n", rank, printable_lines(error.what()).c_str(),
+      std::fprintf(stderr, "sweepvi: [rank %d] %s%s\n", rank, printable(error.what()).c_str(),
                    memory_hint().c_str());
       MPI_Abort(session.comm(), static_cast<int>(code));
     }
@@ -152,12 +151,11 @@ int main(int argc, char** argv) {
   } catch (const std::exception& error) {
     const bool not_printed = std::ferror(stdout) != 0;
     std::fprintf(stderr, "sweepvi: [rank %d] %s: %s%s\n", rank,
-                 not_printed ? "standard output could not be written" : "internal error", error.what(),
-                 memory_hint().c_str());
+                 not_printed ? "standard output could not be written" : "internal error",
+                 printable(error.what()).c_str(), memory_hint().c_str());
     MPI_Abort(session.comm(), static_cast<int>(not_printed ? ExitCode::output : ExitCode::internal));
   }
   opened.reset();  // PETSc may print at its end: -log_view
-  signal(SIGPIPE, SIG_IGN);
   try {
     if (code == ExitCode::done) check_output();
   } catch (const Error& error) {

@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "app/verbs.hpp"
+#include "io/printable.hpp"
 #include "io/toml_table.hpp"
 #include "petsc/event_counts.hpp"
 #include "sweepvi/petsc.hpp"
@@ -157,7 +158,7 @@ std::vector<std::string> report_unused_options(MPI_Comm comm) {
   if (rank == 0) {
     const std::vector<std::string> candidates(known.begin(), known.end());
     for (const std::string& name : unused)
-      std::fprintf(stderr, "sweepvi: option %s was not used by anything%s\n", name.c_str(),
+      std::fprintf(stderr, "sweepvi: option %s was not used by anything%s\n", printable(name).c_str(),
                    suggestion(name, candidates).c_str());
   }
   return unused;

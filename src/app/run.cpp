@@ -12,6 +12,7 @@
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
 #include "app/watch.hpp"
+#include "io/printable.hpp"
 #include "io/problem_file.hpp"
 #include "io/recorder.hpp"
 #include "sweepvi/time_march.hpp"
@@ -163,7 +164,7 @@ void Run::after_step(const Step& step, const StepReport& report) {
       if (error.code() != ExitCode::output || TableFile::damaged()) throw;
       if (rank_ == 0)
         std::fprintf(stderr, "sweepvi: no checkpoint at step %lld: %s. The run goes on\n",
-                     static_cast<long long>(step.number), error.what());
+                     static_cast<long long>(step.number), printable(error.what()).c_str());
     }
     watch_->checkpoint_written();
   }
@@ -224,9 +225,10 @@ void Run::conclude() {
 
 void Run::tell() const {
   if (rank_ != 0) return;
-  fmt::print("{}: {} {} of {:.6g} s, {} unknowns ({}), {} constraint{}, {:.3g} s\n", path_, summary_.steps,
-             summary_.hybrid ? "intervals" : "steps", scene_.time.step, summary_.unknowns, model_->form(),
-             summary_.constraints, summary_.constraints == 1 ? "" : "s", summary_.seconds_total);
+  fmt::print("{}: {} {} of {:.6g} s, {} unknowns ({}), {} constraint{}, {:.3g} s\n", printable(path_),
+             summary_.steps, summary_.hybrid ? "intervals" : "steps", scene_.time.step, summary_.unknowns,
+             model_->form(), summary_.constraints, summary_.constraints == 1 ? "" : "s",
+             summary_.seconds_total);
   if (summary_.hybrid)
     fmt::print("tolerance {:.2g}: {} events, {} Taylor series of {:.1f} terms, {} time steps over {:.3g} s\n",
                scene_.time.tolerance, summary_.hybrid->events, summary_.hybrid->expansions,
@@ -236,7 +238,7 @@ void Run::tell() const {
   fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
              summary_.max_residual, summary_.max_penetration, summary_.snes_iterations);
   for (const Note& note : summary_.notes)
-    fmt::print("note: {}\n", note.text);
+    fmt::print("note: {}\n", printable(note.text));
 }
 
 ExitCode Run::go() {

@@ -8,6 +8,7 @@
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
 #include "dvi/affine_vi.hpp"
+#include "io/printable.hpp"
 #include "io/rungs_field.hpp"
 #include "model/from_scene.hpp"
 #include "petsc/sparse.hpp"
@@ -130,8 +131,8 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   if (rank == 0)
-    fmt::print("{}: {}certified, worst ratio {:.2g}, {} Newton iterations, {} unknowns\n", path,
-               certifies ? "" : "not ", report.residual, report.iterations, size);
+    fmt::print("{}: {}certified, worst ratio {:.2g}, {} Newton iterations, {} unknowns\n",
+               printable(path), certifies ? "" : "not ", report.residual, report.iterations, size);
   if (!certifies) throw Error(summary.exit, why_uncertified(solver.certificate()));
   return ExitCode::done;
 }

@@ -14,6 +14,7 @@
 #include "app/study_table.hpp"
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
+#include "io/printable.hpp"
 
 namespace sweepvi::app {
 
@@ -140,7 +141,7 @@ void Study::say(std::size_t number, const StudyRun& run) {
   if (rank_ != 0 || MPI_Wtime() - said_ < log_interval) return;
   said_ = MPI_Wtime();
   std::fprintf(stderr, "run %zu of %zu: %s, %g s, %s\n", number, plan_.runs.size(), run.scheme.c_str(),
-               run.step, run.setting.name.c_str());
+               run.step, printable(run.setting.name).c_str());
 }
 
 StudyRow Study::run_one(const StudyRun& run) {
@@ -210,10 +211,10 @@ void Study::write(const std::vector<StudyRow>& rows, std::size_t failed, std::si
     write_text(comm_, *line_.summary, json.dump(2) + "\n");
   }
   if (rank_ != 0) return;
-  fmt::print("{}: {} of {} components, {} rank{}, times of {} repeat{}\n", line_.scene, components,
+  fmt::print("{}: {} of {} components, {} rank{}, times of {} repeat{}\n", printable(line_.scene), components,
              reference_->columns, ranks_, ranks_ == 1 ? "" : "s", line_.repeats.value_or(3),
              line_.repeats.value_or(3) == 1 ? "" : "s");
-  fmt::print("reference: {}\n\n{}", reference_name_, table_text(rows, plan_.several_settings));
+  fmt::print("reference: {}\n\n{}", printable(reference_name_), table_text(rows, plan_.several_settings));
 }
 
 ExitCode Study::go() {

@@ -1,5 +1,7 @@
 #include "app/study_table.hpp"
 
+#include "io/printable.hpp"
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -71,7 +73,7 @@ std::string text_of(const Number& value, const char* format) {
 
 std::vector<std::string> cells(const StudyRow& row, bool several_settings, bool tolerances) {
   std::vector<std::string> line = {row.run.scheme};
-  if (several_settings) line.push_back(row.run.setting.name);
+  if (several_settings) line.push_back(printable(row.run.setting.name));
   line.push_back(fmt::format("{:.3g}", row.h));
   if (tolerances) line.push_back(text_of(row.tolerance, "{:.0e}"));
   if (!row.failure.empty()) return line;

@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "io/output_file.hpp"
+#include "io/printable.hpp"
 #include "service/digest.hpp"
 #include "service/files.hpp"
 #include "service/local_words.hpp"
@@ -83,9 +84,10 @@ void refuse_existing(const std::string& file, bool force) {
 
 std::string line_of(const json& job) {
   const std::string message = job.value("message", "");
-  return fmt::format("{:>6}  {:<11}  {:>5}  {:<24}  {}", job.value("id", 0), job.value("state", ""),
-                     job.value("ranks", 0), job.value("submitted", ""),
-                     job.value("name", "") + (message.empty() ? "" : ": " + message));
+  return fmt::format("{:>6}  {:<11}  {:>5}  {:<24}  {}", job.value("id", 0),
+                     printable(job.value("state", "")), job.value("ranks", 0),
+                     printable(job.value("submitted", "")),
+                     printable(job.value("name", "") + (message.empty() ? "" : ": " + message)));
 }
 
 /// Progress on standard error, the end as a line on standard output. @return the job as it ended
@@ -174,7 +176,7 @@ int list(Remote& remote, const Arguments& given) {
 int fetch(Remote& remote, const Arguments& given, const std::string& path) {
   const json job = remote.get(path);
   if (given.has("--log")) {
-    fmt::print("{}", remote.text(path + "/log"));
+    fmt::print("{}", printable_lines(remote.text(path + "/log")));
     return 0;
   }
   const std::string kind = job.at("verb") == "study" ? ".csv" : ".h5";

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "io/output_file.hpp"
+#include "io/printable.hpp"
 #include "service/child.hpp"
 #include "service/client.hpp"
 #include "service/refusal.hpp"
@@ -20,6 +21,10 @@ using namespace sweepvi::service;
 
 constexpr int bad_usage = 2;
 constexpr int not_written = 5;
+
+void complain(const std::exception& error) {
+  std::fprintf(stderr, "sweepvi: %s\n", sweepvi::printable(error.what()).c_str());
+}
 
 int serve(const std::vector<std::string>& words) {
   if (!words.empty() && (words[0] == "--help" || words[0] == "-h")) {
@@ -61,13 +66,13 @@ int main(int argc, char** argv) {
     if (code == 0) sweepvi::flush_standard_output();
     return code;
   } catch (const UsageError& error) {
-    std::fprintf(stderr, "sweepvi: %s\n", error.what());
+    complain(error);
     return bad_usage;
   } catch (const RemoteError& error) {
-    std::fprintf(stderr, "sweepvi: %s\n", error.what());
+    complain(error);
     return error.exit();
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "sweepvi: %s\n", error.what());
+    complain(error);
     return std::ferror(stdout) != 0 ? not_written : 1;
   }
 }
