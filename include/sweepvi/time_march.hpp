@@ -45,6 +45,10 @@ public:
   void observe_events(Observer observer);
   /// What the hybrid scheme did; zeros in other marches.
   HybridCounts hybrid_counts() const;
+  /// Its estimate of the error of x at the time reached (HybridCounts::error).
+  double hybrid_error() const;
+  /// Shows what the hybrid scheme goes on from, beside the Dvi; nothing in other marches. @note Collective.
+  void visit_hybrid(StateVisitor& visitor);
 
   /// Takes one step. If it is not certified, the state stays that of t_k. @note Collective.
   StepReport step();

@@ -19,7 +19,6 @@ const std::map<std::string_view, Value>& allowed() {
                                                             {"-sweepvi_linearisation", Value::word},
                                                             {"-sweepvi_halvings", Value::number},
                                                             {"-sweepvi_zi_sweeps", Value::number},
-                                                            {"-sweepvi_hybrid_events", Value::number},
                                                             {"-sweepvi_form", Value::word},
                                                             {"-snes_type", Value::word},
                                                             {"-snes_rtol", Value::number},

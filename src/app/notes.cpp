@@ -42,10 +42,17 @@ std::vector<Note> notes_of(const TimeSpec& time, const Summary& summary) {
          fmt::format("{} of {} steps could only be solved in parts, {} at most: there the trajectory is that "
                      "of smaller steps (-sweepvi_halvings 0 forbids it)",
                      parted, summary.steps, summary.most_parts)});
-  if (summary.hybrid && summary.hybrid->steps > 0)
-    notes.push_back({"time_stepped", summary.hybrid->steps,
-                     fmt::format("{} time steps covered {:.3g} s in which events accumulate",
-                                 summary.hybrid->steps, summary.hybrid->stepped)});
+  if (summary.hybrid && summary.hybrid->closed > 0)
+    notes.push_back(
+        {"accumulation_ended", summary.hybrid->closed,
+         fmt::format("{} accumulations of impacts ended by contact, where flights were below the tolerance",
+                     summary.hybrid->closed)});
+  if (summary.hybrid && !(summary.hybrid->relative_error <= time.tolerance))
+    notes.push_back({"tolerance_missed", 1,
+                     fmt::format("the estimated error of a component, {:.2g} of its size, is above the "
+                                 "tolerance, {:.2g}: the motion has made that "
+                                 "of rounding",
+                                 summary.hybrid->relative_error, time.tolerance)});
   return notes;
 }
 

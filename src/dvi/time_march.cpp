@@ -27,21 +27,6 @@ void refuse_clock_options() {
   }
 }
 
-void read_hybrid_options(MPI_Comm comm, HybridOptions& options) {
-  const auto read = [&]() -> PetscErrorCode {
-    PetscInt crowd = static_cast<PetscInt>(options.crowd);
-    PetscOptionsBegin(comm, nullptr, "sweepvi: hybrid scheme", "sweepvi");
-    PetscCall(PetscOptionsInt("-sweepvi_hybrid_events",
-                              "events in one recorded interval; beyond, the rest of it is time-stepped",
-                              "HybridOptions", crowd, &crowd, nullptr));
-    PetscOptionsEnd();
-    options.crowd = crowd;
-    return static_cast<PetscErrorCode>(0);
-  };
-  check_options(read());
-  if (options.crowd < 1) throw InputError("-sweepvi_hybrid_events is below 1; 1000 by default");
-}
-
 }  // namespace
 
 struct TimeMarch::Impl {
@@ -53,7 +38,7 @@ struct TimeMarch::Impl {
   Observer part_observer;
   Observer event_observer;
   std::optional<Hybrid> hybrid;
-  StateSnapshot before;
+  StateSnapshot before, hybrid_before;
   StepReport last;
   std::exception_ptr parked;
 
@@ -106,8 +91,11 @@ struct TimeMarch::Impl {
       };
     };
     before.take(problem);
+    hybrid_before.take(*hybrid);
     StepReport report = hybrid->advance(interval, *solver, call(part_observer), call(event_observer));
-    if (!report.certified) before.put_back(problem);
+    if (report.certified) return report;
+    before.put_back(problem);
+    hybrid_before.put_back(*hybrid);
     return report;
   }
 
@@ -189,7 +177,7 @@ struct TimeMarch::Impl {
 };
 
 TimeMarch::TimeMarch(Dvi& problem, const TimeGrid& grid, PetscInt done)
-    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, {}, {}, {}, {}, nullptr}) {
+    : impl_(new Impl{problem, grid, {}, nullptr, {}, {}, {}, {}, {}, {}, {}, nullptr}) {
   impl_->last.certified = true;                      // nothing has failed yet
   check(TSRegister(ts_type_name, Impl::ts_create));  // idempotent
   check(TSCreate(problem.comm(), impl_->ts.put()));
@@ -224,8 +212,7 @@ TimeMarch::TimeMarch(HybridProcess& process, const HybridOptions& options, const
   HybridOptions chosen = options;
   chosen.start = grid.start;
   chosen.end = grid.end;
-  read_hybrid_options(process.dvi().comm(), chosen);
-  impl_->hybrid.emplace(process, chosen, grid.h());
+  impl_->hybrid.emplace(process, chosen);
 }
 
 TimeMarch::~TimeMarch() {
@@ -246,6 +233,14 @@ void TimeMarch::observe_events(Observer observer) {
 
 HybridCounts TimeMarch::hybrid_counts() const {
   return impl_->hybrid ? impl_->hybrid->counts() : HybridCounts{};
+}
+
+double TimeMarch::hybrid_error() const {
+  return impl_->hybrid ? impl_->hybrid->error() : 0.0;
+}
+
+void TimeMarch::visit_hybrid(StateVisitor& visitor) {
+  if (impl_->hybrid) impl_->hybrid->visit(visitor);
 }
 
 StepReport TimeMarch::step() {

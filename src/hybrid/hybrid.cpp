@@ -1,275 +1,186 @@
 #include "hybrid/hybrid.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
-#include "dvi/level_state.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
 
 namespace {
 
-constexpr int most_jumps = 50;           // at one instant
-constexpr std::size_t accumulation = 3;  // gaps between impacts that shrink
-constexpr int quiet_steps = 10;          // without any change of contact
-constexpr int coarse_steps = 16;         // of what is left of an interval, where no better step is known
-constexpr double fine_steps = 2e4;       // at most
-
-bool any_rank(MPI_Comm comm, bool here) {
-  int found = here ? 1 : 0;
-  MPI_Allreduce(MPI_IN_PLACE, &found, 1, MPI_INT, MPI_LOR, comm);
-  return found != 0;
-}
+constexpr int terms = 28, more_terms = 34;  // of series: the shadow's are of another order
+constexpr double finer = 1e-3;              // times the tolerance: that of the shadow
+constexpr double roundings = 32.0;          // by which the shadow is moved
+constexpr double safety = 4.0;              // on how far they are apart
+constexpr double window = 1e-6;             // around events, of a series
+constexpr double rounding_unit = 1.2e-16;
 
 }  // namespace
 
-StepReport HybridProcess::reset(StepSolver& solver, const Step& step) {
-  StepReport report = solver.solve(step);
-  if (report.certified) dvi().accept(solver.solution(), solver.residual());
-  return report;
+void HybridProcess::show_states(StateVisitor& visitor, const char* name, std::vector<double>& numbers) {
+  visitor.visit(name, Belongs::state, numbers);
 }
 
-Hybrid::Hybrid(HybridProcess& process, const HybridOptions& options, double h)
-    : process_(process), options_(options), h_(h), x_(duplicate(process.system().x0.get())) {
-  const RelativeDegree& degree = process.degree();
-  if (degree.lowest > 0) flow_.emplace(process.system(), degree, process.offset());
-  upper_.assign(degree.degree.size(), PETSC_INFINITY);
-  if (process.system().wmax) {
-    const ReadArray walls(process.system().wmax.get());
-    std::copy_n(walls.data(), walls.size(), upper_.begin());
-  }
-  z_.resize(static_cast<std::size_t>(degree.first_level.back()));
+void HybridProcess::show_constraints(StateVisitor& visitor, const char* name, std::vector<double>& numbers) {
+  visitor.visit(name, Belongs::constraint, numbers);
+}
+
+Hybrid::Hybrid(HybridProcess& process, const HybridOptions& options)
+    : process_(process),
+      motion_(process, options.tolerance, terms, 0.0, options.end - options.start),
+      shadow_(process, finer * options.tolerance, more_terms, roundings, options.end - options.start),
+      here_(duplicate(process.system().x0.get())),
+      there_(duplicate(process.system().x0.get())) {
+  PetscInt local = 0;
+  check(VecGetLocalSize(here_.get(), &local));
+  size_.assign(static_cast<std::size_t>(local), 0.0);
+}
+
+StepReport Hybrid::failed(const Motion& motion) const {
+  StepReport report = motion.report();
+  report.certified = false;
+  report.obstacle = motion.failure();
+  if (!motion.report().certified && !motion.report().reason.empty()) report.obstacle.clear();
+  return report;
 }
 
 StepReport Hybrid::advance(const Step& interval, StepSolver& solver, const Observer& part,
                            const Observer& event) {
   solver_ = &solver;
-  part_ = &part;
-  event_ = &event;
   report_ = {};
   report_.certified = true;
   report_.rung = Rung::hybrid;
-  t_ = interval.t_old;
-  process_.read(t_, x_.get(), z_);
-  mu_.assign(constraints(), 0.0);
-  contact_ = flow_ ? process_.in_contact() : std::vector<Side>(constraints(), Side::none);
-  continues_ = continues_ && t_ == reached_;
-  impacts_.assign(constraints(), {});
-  events_ = 0;
-  unseen_ = 0;
-  while (t_ < interval.t_new && report_.certified)
-    if ((!flow_ || !move(interval)) && report_.certified && t_ < interval.t_new)
-      time_step(interval, 0.0, false);
-  if (report_.certified && flow_) put();
-  reached_ = t_;
+  if (!begun_) {
+    if (process_.degree().lowest > 0) process_.dvi().set_step(0.0);
+    motion_.start(interval.t_old);
+    shadow_.start(interval.t_old);
+    begun_ = true;
+    reached_ = interval.t_old;
+  }
+  const auto told = [&] {
+    const double t = motion_.time();
+    part({interval.number, reached_, t, t - reached_});
+    motion_.forget_measures();
+    process_.tell({});
+    reached_ = t;
+  };
+  const Motion::Watch watch{[&] {
+                              told();
+                              motion_.write(0.0);
+                              event({interval.number, motion_.time(), motion_.time(), 0.0});
+                            },
+                            [&] {
+                              report_.iterations += motion_.report().iterations;
+                              report_.attempts += motion_.report().attempts;
+                              report_.residual = std::max(report_.residual, motion_.report().residual);
+                              told();
+                            },
+                            [&] {
+                              told();
+                              event({interval.number, motion_.time(), motion_.time(), 0.0});
+                            }};
+  while (true) {
+    if (!motion_.ready() && !motion_.prepare(solver, interval.number, &watch, counts_))
+      return failed(motion_);
+    if (motion_.place_of(interval.t_new) < motion_.length()) break;
+    judge(motion_.time() + 0.5 * motion_.length(), interval.number);
+    motion_.finish();
+  }
+  judge(interval.t_new, interval.number);
+  motion_.write(std::max(0.0, motion_.place_of(interval.t_new)));
+  motion_.forget_measures();
+  process_.tell({});
+  reached_ = interval.t_new;
   return report_;
 }
 
-Side Hybrid::wall_at(std::size_t a) const {
-  const double z1 = z_[at(a, 1)];
-  if (z1 <= 0.0) return Side::lower;
-  return z1 >= upper_[a] ? Side::upper : Side::none;
+bool Hybrid::near_event(const Motion& motion, double t, double window_length) {
+  return t - motion.last_event() <= window_length ||
+         (motion.ends_in_event() && motion.length() - motion.place_of(t) <= window_length);
 }
 
-// Whether a constraint would be violated right after t.
-bool Hybrid::heads_out() const {
-  bool out = false;
-  for (std::size_t a = 0; a < constraints() && !out; ++a) {
-    const Side wall = wall_at(a);
-    if (wall == Side::none) continue;
-    double first = wall == Side::lower ? z_[at(a, 1)] : upper_[a] - z_[at(a, 1)];
-    for (int i = 2; i <= process_.degree().degree[a] && first == 0.0; ++i)
-      first = sign(wall) * z_[at(a, i)];
-    out = first < 0.0;
+// The shadow follows to t, unless it is lost.
+void Hybrid::judge(double t, PetscInt interval) {
+  if (lost_) return;
+  HybridCounts ignored;
+  while (true) {
+    if (!shadow_.ready() && !shadow_.prepare(*solver_, interval, nullptr, ignored)) {
+      lost_ = true;
+      counts_.relative_error = std::max(counts_.relative_error, 1.0);
+      counts_.error = PETSC_INFINITY;
+      return;
+    }
+    if (shadow_.place_of(t) < shadow_.length()) break;
+    shadow_.finish();
   }
-  return any_rank(process_.dvi().comm(), out);
+  const double near =
+      std::max(window, 10.0 * counts_.relative_error) * std::min(motion_.length(), shadow_.length());
+  if (near_event(motion_, t, near) || near_event(shadow_, t, near)) return;
+  const auto series = static_cast<double>(motion_.series());
+  const double kept = series > judged_ ? 0.5 : 1.0;
+  judged_ = series;
+  const Distance distance = apart(t);
+  counts_.error = std::max(safety * distance.largest, kept * counts_.error);
+  counts_.relative_error = std::max(safety * distance.relative, kept * counts_.relative_error);
 }
 
-// From now to the next event, or to the end. False if that cannot be done smoothly.
-bool Hybrid::move(const Step& interval) {
-  const Step now{interval.number, t_, t_, 0.0};
-  const std::vector<Side> before = contact_;
-  std::vector<Side> closed(constraints(), Side::none);
-  bool jumped = false;
-  for (int jumps = 0; heads_out(); ++jumps) {
-    if (jumps == most_jumps) return false;
-    for (std::size_t a = 0; a < constraints(); ++a)
-      if (contact_[a] == Side::none && wall_at(a) != Side::none) closed[a] = wall_at(a);
-    if (!jump(now)) return true;
-    jumped = true;
+// The largest distance of a component, and relative to its size; at least a rounding.
+Hybrid::Distance Hybrid::apart(double t) {
+  motion_.flow().state(std::max(0.0, motion_.place_of(t)), here_.get());
+  shadow_.flow().state(std::max(0.0, shadow_.place_of(t)), there_.get());
+  std::array<double, 2> worst{0.0, rounding_unit};
+  {
+    const ReadArray here(here_.get());
+    const ReadArray there(there_.get());
+    const std::vector<double>& traversed = motion_.flow().traversed();
+    for (std::size_t i = 0; i < size_.size(); ++i) {
+      const auto k = static_cast<PetscInt>(i);
+      size_[i] = std::max({size_[i], std::abs(here[k]), traversed[i]});
+      const double distance = std::abs(here[k] - there[k]);
+      worst[0] = std::max({worst[0], distance, rounding_unit * std::abs(here[k])});
+      if (distance > 0.0) worst[1] = std::max(worst[1], distance / std::max(size_[i], std::abs(there[k])));
+      if (std::isnan(distance)) worst = {PETSC_INFINITY, PETSC_INFINITY};
+    }
   }
-  const bool began = flow_->start(t_, x_.get(), z_, continues_ && !jumped);
-  continues_ = false;
-  if (!began) return false;
-  contact_ = flow_->contact();
-  if (any_rank(process_.dvi().comm(), !process_.admits(contact_))) return false;
-  for (std::size_t a = 0; a < constraints(); ++a)
-    if (closed[a] == Side::none) closed[a] = before[a];
-  tell_changes(now, closed, jumped);
-
-  const double left = interval.t_new - t_;
-  const double rate = 0.1 * options_.tolerance / (options_.end - options_.start);
-  const std::optional<double> length = flow_->expand(left, rate);
-  ++counts_.expansions;
-  counts_.coefficients += flow_->terms();
-  if (!length) return false;
-  const std::optional<double> event = flow_->first_event(*length);
-  flow_->evaluate(event.value_or(*length), event.has_value(), x_.get(), z_, mu_);
-  const bool ends = !event && *length == left;
-  const double old =
-      std::exchange(t_, ends ? interval.t_new : std::min(t_ + event.value_or(*length), interval.t_new));
-  if (t_ > old)
-    unseen_ = 0;
-  else if (!event || ++unseen_ == most_jumps)
-    return false;
-  else if (end_flights())
-    return true;
-  continues_ = !event;
-  if (!event) return true;
-
-  put();
-  (*part_)({interval.number, old, t_, t_ - old});
-  process_.tell({});
-  std::fill(mu_.begin(), mu_.end(), 0.0);
-  put();
-  (*event_)({interval.number, t_, t_, 0.0});
-  ++counts_.events;
-  for (std::size_t a = 0; a < constraints(); ++a)
-    if (contact_[a] == Side::none && wall_at(a) != Side::none) impacts_[a].push_back(t_);
-  const double gap = accumulating();
-  if (gap < PETSC_INFINITY) time_step(interval, 0.1 * gap, true);
-  return ++events_ < options_.crowd;
+  MPI_Allreduce(MPI_IN_PLACE, worst.data(), 2, MPI_DOUBLE, MPI_MAX, process_.dvi().comm());
+  return {worst[0], worst[1]};
 }
 
-// Flights that end before the clock moves are none: constraints that leave their walls and meet them have not
-// left them. False if there is no such constraint.
-bool Hybrid::end_flights() {
-  std::vector<Side> contact = contact_;
-  bool any = false;
-  for (std::size_t a = 0; a < constraints(); ++a) {
-    if (contact[a] != Side::none || wall_at(a) == Side::none || !flow_->leaves(a)) continue;
-    contact[a] = wall_at(a);
-    any = true;
-  }
-  any = any_rank(process_.dvi().comm(), any);
-  if (any) rest(contact);
-  return any;
-}
-
-// To the interval's report; of a step that failed it is that step's alone.
-bool Hybrid::add(const StepReport& report) {
-  report_.iterations += report.iterations;
-  report_.attempts += report.attempts;
-  report_.residual = std::max(report_.residual, report.residual);
-  if (!report.certified) report_ = report;
-  return report.certified;
-}
-
-// One step of length 0.
-bool Hybrid::jump(const Step& now) {
-  if (std::exchange(h_, 0.0) != 0.0) process_.dvi().set_step(0.0);
-  const StepReport report = process_.reset(*solver_, now);
-  if (!add(report)) return false;
-  ++counts_.resets;
-  (*part_)(now);
-  process_.read(t_, x_.get(), z_);
-  return true;
-}
-
-// Contacts that have begun without a jump, or ended; then the state after the event.
-void Hybrid::tell_changes(const Step& now, const std::vector<Side>& before, bool jumped) {
-  std::vector<StepEvent> changes;
-  for (std::size_t a = 0; a < constraints(); ++a) {
-    const auto number = static_cast<PetscInt>(a);
-    if (before[a] == contact_[a]) continue;
-    if (before[a] != Side::none)
-      changes.push_back({number, before[a], process_.degree().degree[a], false, 0.0});
-    if (contact_[a] != Side::none) changes.push_back({number, contact_[a], 1, true, 0.0});
-  }
-  if (!any_rank(process_.dvi().comm(), jumped || !changes.empty())) return;
-  put();
-  process_.tell(std::move(changes));
-  (*part_)(now);
-  (*event_)(now);
-  process_.tell({});
-}
-
-// The last gap between impacts of a constraint whose impacts accumulate, and that moves less than the
-// tolerance between them; infinite if there is none. The same on every rank.
-double Hybrid::accumulating() const {
-  double least = PETSC_INFINITY;
-  const double seen = 8.0 * options_.tolerance * flow_->size();
-  for (const std::vector<double>& times : impacts_) {
-    if (times.size() <= accumulation) continue;
-    bool shrinks = true;
-    for (std::size_t k = times.size() - accumulation; k + 1 < times.size(); ++k)
-      shrinks = shrinks && times[k + 1] - times[k] < times[k] - times[k - 1];
-    const double gap = times.back() - times[times.size() - 2];
-    if (shrinks && gap * gap * flow_->curvature() <= seen) least = std::min(least, gap);
-  }
-  MPI_Allreduce(MPI_IN_PLACE, &least, 1, MPI_DOUBLE, MPI_MIN, process_.dvi().comm());
-  return least;
-}
-
-void Hybrid::put() {
-  process_.write(x_.get(), z_, contact_, mu_);
-}
-
-// Steps of the Dvi's own scheme up to the end of the interval, or until all contacts are at rest.
-bool Hybrid::time_step(const Step& interval, double h, bool until_rest) {
-  if (flow_) put();
-  const double left = interval.t_new - t_, begin = t_;
-  const double least = left / (h > 0.0 ? fine_steps : coarse_steps);
-  const auto steps = static_cast<std::int64_t>(std::ceil(left / std::max(h, least)));
-  h_ = left / static_cast<double>(steps);
-  process_.dvi().set_step(h_);
-  std::vector<Side> last;
-  int quiet = 0;
-  for (std::int64_t k = 0; k < steps; ++k) {
-    const double t_new = k + 1 == steps ? interval.t_new : begin + static_cast<double>(k + 1) * h_;
-    if (!take({interval.number, t_, t_new, h_}, k + 1 == steps)) return false;
-    if (!until_rest) continue;
-    const std::vector<Side> contact = process_.in_contact();
-    quiet = any_rank(process_.dvi().comm(), contact != last) ? 0 : quiet + 1;
-    last = contact;
-    if (quiet < quiet_steps) continue;
-    // What still moves in contact would take it no farther than the tolerance in as many steps again.
-    double fastest = 0.0, size = 0.0;
-    for (std::size_t a = 0; a < constraints(); ++a)
-      for (int i = 2; i <= process_.degree().degree[a] && contact[a] != Side::none; ++i)
-        fastest = std::max(fastest, std::abs(z_[at(a, i)]));
-    MPI_Allreduce(MPI_IN_PLACE, &fastest, 1, MPI_DOUBLE, MPI_MAX, process_.dvi().comm());
-    check(VecNorm(x_.get(), NORM_INFINITY, &size));
-    if (fastest * quiet_steps * h_ > options_.tolerance * size) continue;
-    rest(contact);
-    break;
-  }
-  impacts_.assign(constraints(), {});
-  if (flow_ && t_ == interval.t_new) contact_ = process_.in_contact();
-  return true;
-}
-
-bool Hybrid::take(const Step& step, bool last) {
-  const StepReport report = solver_->solve(step);
-  if (!add(report)) return false;
-  process_.dvi().accept(solver_->solution(), solver_->residual());
-  // The last step of an interval is told by its caller, unless we write its state.
-  if (flow_ || !last) (*part_)(step);
-  t_ = step.t_new;
-  process_.read(t_, x_.get(), z_);
-  ++counts_.steps;
-  counts_.stepped += step.h;
-  return true;
-}
-
-void Hybrid::rest(const std::vector<Side>& contact) {
-  for (std::size_t a = 0; a < constraints(); ++a)
-    for (int i = 1; i <= process_.degree().degree[a] && contact[a] != Side::none; ++i)
-      z_[at(a, i)] = i == 1 && contact[a] == Side::upper ? upper_[a] : 0.0;
-  contact_ = contact;
-  flow_->put_in_contact(contact, t_, x_.get());
+void Hybrid::visit(StateVisitor& visitor) {
+  motion_.visit(visitor, "hybrid ");
+  shadow_.visit(visitor, "hybrid's shadow ");
+  process_.show_states(visitor, "hybrid sizes", size_);
+  int rank = 0;
+  MPI_Comm_rank(process_.dvi().comm(), &rank);
+  std::vector<double> shared = {begun_ ? 1.0 : 0.0,
+                                lost_ ? 1.0 : 0.0,
+                                counts_.error,
+                                counts_.relative_error,
+                                judged_,
+                                reached_,
+                                static_cast<double>(counts_.expansions),
+                                static_cast<double>(counts_.coefficients),
+                                static_cast<double>(counts_.events),
+                                static_cast<double>(counts_.resets),
+                                static_cast<double>(counts_.closed)};
+  if (rank != 0) std::fill(shared.begin(), shared.end(), 0.0);
+  visitor.visit("hybrid counts", Belongs::rank, shared, shared.size());
+  MPI_Bcast(shared.data(), static_cast<int>(shared.size()), MPI_DOUBLE, 0, process_.dvi().comm());
+  begun_ = shared[0] != 0.0;
+  lost_ = shared[1] != 0.0;
+  counts_.error = shared[2];
+  counts_.relative_error = shared[3];
+  judged_ = shared[4];
+  reached_ = shared[5];
+  counts_.expansions = static_cast<std::int64_t>(shared[6]);
+  counts_.coefficients = static_cast<std::int64_t>(shared[7]);
+  counts_.events = static_cast<std::int64_t>(shared[8]);
+  counts_.resets = static_cast<std::int64_t>(shared[9]);
+  counts_.closed = static_cast<std::int64_t>(shared[10]);
+  if (visitor.replaces() && begun_ && process_.degree().lowest > 0) process_.dvi().set_step(0.0);
 }
 
 }  // namespace sweepvi

@@ -39,7 +39,7 @@ public:
     }
   }
 
-  void write(Vec, const std::vector<double>& z, const std::vector<Side>& contact,
+  void write(Vec, const std::vector<double>& z, const std::vector<double>&, const std::vector<Side>& contact,
              const std::vector<double>&) override {
     z_ = z;
     contact_ = contact;
@@ -55,15 +55,21 @@ public:
     return contact;
   }
 
+  // (x, x') of each oscillator.
+  void show_states(StateVisitor& visitor, const char* name, std::vector<double>& numbers) override {
+    visitor.visit(name, Belongs::constraint, numbers, 2);
+  }
+
   void tell(std::vector<StepEvent> events) override { dvi_.tell(std::move(events)); }
 
-  StepReport reset(StepSolver&, const Step&) override {
+  StepReport reset(StepSolver&, const Step&, std::vector<char>& met) override {
     std::vector<StepEvent> impacts;
     for (std::size_t i = 0; i < kappa_.size(); ++i) {
       double& velocity = z_[2 * i + 1];
       if (z_[2 * i] > 0.0 || velocity >= 0.0) continue;
       const double v = velocity / (1.0 + kappa_[i]);
       impacts.push_back({static_cast<PetscInt>(i), Side::lower, 2, true, 2.0 * std::abs(v)});
+      met[i] = 1;
       dissipated_ += 2.0 * kappa_[i] * v * v;
       velocity = -(1.0 - kappa_[i]) * v;
       side_[i] = -side_[i];

@@ -28,52 +28,51 @@ public:
     if (degree_.lowest > 0) z = dvi_.z();
   }
 
-  void write(Vec x, const std::vector<double>& z, const std::vector<Side>& contact,
-             const std::vector<double>& mu) override {
+  void write(Vec x, const std::vector<double>& z, const std::vector<double>& w,
+             const std::vector<Side>& contact, const std::vector<double>& mu) override {
     const auto zero = [](std::span<double> values) { std::fill(values.begin(), values.end(), 0.0); };
     const auto width = static_cast<std::size_t>(dvi_.mu_levels());
     const std::size_t count = contact.size();
-    NamedNumbers put(true, {{"x",
-                             [&](std::span<double> values) {
-                               const ReadArray from(x);
-                               std::copy_n(from.data(), from.size(), values.begin());
-                             }},
-                            {"z",
-                             [&](std::span<double> values) {
-                               for (std::size_t a = 0; a < count; ++a)
-                                 for (int i = 1; i <= degree_.degree[a]; ++i)
-                                   values[a * width + static_cast<std::size_t>(i - 1)] = z[at(a, i)];
-                             }},
-                            {"mu",
-                             [&](std::span<double> values) {
-                               zero(values);
-                               for (std::size_t a = 0; a < count; ++a)
-                                 values[a * width + static_cast<std::size_t>(degree_.degree[a] - 1)] = mu[a];
-                             }},
-                            {"w",
-                             [&](std::span<double> values) {
-                               for (std::size_t a = 0; a < count; ++a)
-                                 values[a] = z[at(a, 1)];
-                             }},
-                            {"level",
-                             [&](std::span<double> values) {
-                               for (std::size_t a = 0; a < count; ++a)
-                                 values[a] = contact[a] == Side::none ? 1.0 : degree_.degree[a];
-                             }},
-                            {"side",
-                             [&](std::span<double> values) {
-                               for (std::size_t a = 0; a < count; ++a)
-                                 values[a] = sign(contact[a]);
-                             }},
-                            {"nu", zero},
-                            {"nu above", zero}});
+    NamedNumbers put(true,
+                     {{"x",
+                       [&](std::span<double> values) {
+                         const ReadArray from(x);
+                         std::copy_n(from.data(), from.size(), values.begin());
+                       }},
+                      {"z",
+                       [&](std::span<double> values) {
+                         for (std::size_t a = 0; a < count; ++a) {
+                           values[a * width] = w[a];
+                           for (int i = 1; i <= degree_.degree[a]; ++i)
+                             values[a * width + static_cast<std::size_t>(i - 1)] = z[at(a, i)];
+                         }
+                       }},
+                      {"mu",
+                       [&](std::span<double> values) {
+                         zero(values);
+                         for (std::size_t a = 0; a < count; ++a)
+                           values[a * width + static_cast<std::size_t>(last_level(a) - 1)] = mu[a];
+                       }},
+                      {"w", [&](std::span<double> values) { std::copy_n(w.begin(), count, values.begin()); }},
+                      {"level",
+                       [&](std::span<double> values) {
+                         for (std::size_t a = 0; a < count; ++a)
+                           values[a] = contact[a] == Side::none ? 1.0 : last_level(a);
+                       }},
+                      {"side",
+                       [&](std::span<double> values) {
+                         for (std::size_t a = 0; a < count; ++a)
+                           values[a] = sign(contact[a]);
+                       }},
+                      {"nu", zero},
+                      {"nu above", zero}});
     dvi_.visit(put);
   }
 
   std::vector<Side> in_contact() override {
     std::vector<Side> contact(upper_.size(), Side::none);
     const std::vector<double>& z = dvi_.z();
-    for (std::size_t a = 0; a < contact.size(); ++a) {
+    for (std::size_t a = 0; a < contact.size() && degree_.lowest > 0; ++a) {
       const bool above = z[at(a, 1)] == upper_[a];
       bool rests = above || z[at(a, 1)] == 0.0;
       for (int i = 2; i <= degree_.degree[a]; ++i)
@@ -85,22 +84,24 @@ public:
 
   void tell(std::vector<StepEvent> events) override { dvi_.tell(std::move(events)); }
 
-  // The gap closes without a measure; what follows on the levels above does not.
-  StepReport reset(StepSolver& solver, const Step& step) override {
-    StepReport report = HybridProcess::reset(solver, step);
+  // The gap closes without a measure, before this jump; what follows on the levels above does not.
+  StepReport reset(StepSolver& solver, const Step& step, std::vector<char>& met) override {
+    const StepReport report = jump_of(dvi_, solver, step);
     if (!report.certified) return report;
     std::vector<StepEvent> events;
     for (const StepEvent& event : dvi_.events()) {
-      const bool first = events.empty() || events.back().constraint != event.constraint;
-      if (first && event.impact && event.level > 1)
-        events.push_back({event.constraint, event.side, 1, true, 0.0});
-      if (event.impact) events.push_back(event);
+      if (!event.impact) continue;
+      char& told = met[static_cast<std::size_t>(event.constraint)];
+      if (event.level > 1 && told == 0) events.push_back({event.constraint, event.side, 1, true, 0.0});
+      if (event.level > 1 || told == 0) events.push_back(event);
+      told = 1;
     }
     dvi_.tell(std::move(events));
     return report;
   }
 
 private:
+  int last_level(std::size_t a) const { return std::max(1, degree_.degree[a]); }
   std::size_t at(std::size_t a, int level) const {
     return static_cast<std::size_t>(degree_.first_level[a]) + static_cast<std::size_t>(level - 1);
   }

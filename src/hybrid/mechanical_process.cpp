@@ -13,13 +13,12 @@ namespace {
 class MechanicalProcess final : public HybridProcess {
 public:
   MechanicalProcess(MechanicalDvi& dvi, const LagrangianSystem& system)
-      : dvi_(dvi), system_(first_order_form(system)), degree_(analyse_relative_degree(system_)) {
-    check(MatCreateVecs(degree_.Z.get(), nullptr, push_.put()));
-  }
+      : dvi_(dvi), system_(first_order_form(system)), degree_(analyse_relative_degree(system_)) {}
 
   Dvi& dvi() override { return dvi_; }
   const LinearSystem& system() const override { return system_; }
   const RelativeDegree& degree() const override { return degree_; }
+  bool keeps_positions() const override { return true; }
 
   void read(double, Vec x, std::vector<double>& z) override {
     {
@@ -36,8 +35,8 @@ public:
     dvi_.visit(take);
   }
 
-  void write(Vec x, const std::vector<double>& z, const std::vector<Side>& contact,
-             const std::vector<double>& mu) override {
+  void write(Vec x, const std::vector<double>& z, const std::vector<double>&,
+             const std::vector<Side>& contact, const std::vector<double>& mu) override {
     const auto part_of_x = [&](PetscInt first) {
       return [=](std::span<double> values) {
         const ReadArray pairs(x);
@@ -88,48 +87,19 @@ public:
 
   void tell(std::vector<StepEvent> events) override { dvi_.tell(std::move(events)); }
 
-  StepReport reset(StepSolver& solver, const Step& step) override {
-    push_out();
-    return HybridProcess::reset(solver, step);
+  StepReport reset(StepSolver& solver, const Step& step, std::vector<char>& met) override {
+    const StepReport report = jump_of(dvi_, solver, step);
+    for (const StepEvent& event : dvi_.events())
+      if (event.impact) met[static_cast<std::size_t>(event.constraint)] = 1;
+    return report;
+  }
+
+  // (q, v) of each coordinate.
+  void show_states(StateVisitor& visitor, const char* name, std::vector<double>& numbers) override {
+    visitor.visit(name, Belongs::state, numbers, 2);
   }
 
 private:
-  // Moreau and Jean's scheme never puts positions back. What its steps have left beyond a wall, or the scene
-  // has put there, goes onto it along the direction of level 1, as in HOMSP.
-  void push_out() {
-    std::vector<double> z(2 * degree_.degree.size());
-    NamedNumbers take(false, {{"gap", [&](std::span<double> gap) { spread(gap, 0, z); }}});
-    dvi_.visit(take);
-    bool beyond = false;
-    const Vector by = duplicate(push_.get());
-    {
-      const WriteArray values(by.get());
-      for (std::size_t q = 0; q < z.size(); ++q) {
-        values[static_cast<PetscInt>(q)] = q % 2 == 0 ? std::max(0.0, -z[q]) : 0.0;
-        beyond = beyond || values[static_cast<PetscInt>(q)] > 0.0;
-      }
-    }
-    int any = beyond ? 1 : 0;
-    MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, dvi_.comm());
-    if (any == 0) return;
-    const Vector shift = duplicate(system_.x0.get());
-    check(MatMultTranspose(degree_.directions.get(), by.get(), shift.get()));
-    const Vector opened = duplicate(system_.w0.get());
-    check(MatMult(system_.C.get(), shift.get(), opened.get()));
-    const ReadArray moved(shift.get());
-    const ReadArray wider(opened.get());
-    NamedNumbers put(true, {{"q",
-                             [&](std::span<double> q) {
-                               for (std::size_t j = 0; j < q.size(); ++j)
-                                 q[j] += moved[2 * static_cast<PetscInt>(j)];
-                             }},
-                            {"gap", [&](std::span<double> gap) {
-                               for (std::size_t a = 0; a < gap.size(); ++a)
-                                 gap[a] = gap[a] < 0.0 ? 0.0 : gap[a] + wider[static_cast<PetscInt>(a)];
-                             }}});
-    dvi_.visit(put);
-  }
-
   static void spread(std::span<double> from, std::size_t first, std::vector<double>& z) {
     for (std::size_t a = 0; a < from.size(); ++a)
       z[2 * a + first] = from[a];
@@ -138,7 +108,6 @@ private:
   MechanicalDvi& dvi_;
   LinearSystem system_;
   RelativeDegree degree_;
-  Vector push_;  // layout of the outputs
 };
 
 }  // namespace

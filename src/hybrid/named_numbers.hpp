@@ -5,7 +5,9 @@
 #include <span>
 #include <string>
 
+#include "sweepvi/dvi.hpp"
 #include "sweepvi/state_visitor.hpp"
+#include "sweepvi/step_solver.hpp"
 
 namespace sweepvi {
 
@@ -26,5 +28,12 @@ private:
   bool replaces_;
   std::map<std::string, Action> actions_;
 };
+
+/// Solves a step of length 0 and takes it.
+inline StepReport jump_of(Dvi& dvi, StepSolver& solver, const Step& step) {
+  StepReport report = solver.solve(step);
+  if (report.certified) dvi.accept(solver.solution(), solver.residual());
+  return report;
+}
 
 }  // namespace sweepvi

@@ -3,28 +3,25 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+#include <numbers>
 
-#include "dvi/affine_vi.hpp"
 #include "dvi/level_state.hpp"
 #include "hybrid/first_root.hpp"
-#include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
-#include "sweepvi/step_solver.hpp"
 
 namespace sweepvi {
 
 namespace {
 
-constexpr int most_terms = 40;
-constexpr int decisive_terms = 8;   // derivatives that may say whether a contact is left
-constexpr double tie = 1e-12;       // a derivative that is this small, relative to its terms, is zero
-constexpr double lost = 1e-16;      // by rounding of a sum, relative to its largest term
-constexpr double together = 1e-13;  // events so close, relative to the time, are one
+constexpr int enough_terms = 40;   // of any series
+constexpr int decisive_terms = 8;  // derivatives that may say whether a contact is left
+constexpr double tie = 1e-12;      // a derivative that is this small, relative to its terms, is zero
+constexpr double lost = 1e-16;     // by rounding of a sum, relative to its largest term
+constexpr double coarsest = 1e-8;  // what is left out of a series, relative to its largest term, at most
+constexpr double noisy = 64.0 * std::numeric_limits<double>::epsilon();  // an output, relative to its terms
 
-std::vector<double> values_of(Vec vector) {
-  const ReadArray values(vector);
-  return {values.data(), values.data() + values.size()};
-}
+using Numbers = std::vector<double>;
 
 bool anywhere(MPI_Comm comm, bool here) {
   int found = here ? 1 : 0;
@@ -34,7 +31,7 @@ bool anywhere(MPI_Comm comm, bool here) {
 
 double factorial(int k) {
   static const auto table = [] {
-    std::array<double, most_terms + 2> values{1.0};
+    std::array<double, enough_terms + 2> values{1.0};
     for (std::size_t i = 1; i < values.size(); ++i)
       values[i] = values[i - 1] * static_cast<double>(i);
     return values;
@@ -42,377 +39,95 @@ double factorial(int k) {
   return table[static_cast<std::size_t>(k)];
 }
 
-double norm(Vec vector) {
-  double value = 0.0;
-  check(VecNorm(vector, NORM_INFINITY, &value));
-  return value;
+void copy_to(Vec from, Numbers& values) {
+  const ReadArray array(from);
+  values.assign(array.data(), array.data() + array.size());
+}
+
+double fastest_of(const Forcing& forcing) {
+  double fastest = 0.0;
+  for (const Forcing::Entry& entry : forcing.varying)
+    fastest = std::max(fastest, 2.0 * std::numbers::pi * std::abs(entry.signal.frequency));
+  return fastest;
+}
+
+/// Whether the last two of these terms are negligible over a length, for what they are added to.
+bool negligible(std::span<const double> terms, double length, double floor, double part) {
+  double largest = floor, power = 1.0;
+  std::array<double, 2> last{};
+  for (std::size_t k = 0; k < terms.size(); ++k) {
+    const double term = std::abs(terms[k]) * power;
+    largest = std::max(largest, term);
+    last = {last[1], term};
+    power *= length;
+  }
+  return std::isfinite(largest) && last[0] <= part * largest && last[1] <= part * largest;
 }
 
 }  // namespace
 
-SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset)
-    : system_(system), degree_(degree), offset_(offset), forcing_(system, degree) {
+SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset,
+                       int most_terms)
+    : most_terms_(std::min(most_terms, enough_terms)),
+      system_(system),
+      degree_(degree),
+      offset_(offset),
+      forcing_(system, degree),
+      forces_(system, degree) {
   const std::size_t count = degree.degree.size();
   const PetscInt first = row_range(degree.Z.get()).first;
-  RowBuilder rows;
+  const PetscInt first_constraint = row_range(system.C.get()).first;
+  const PetscInt columns = column_range(degree.Z.get()).size();
+  RowBuilder rows, direct;
   for (std::size_t a = 0; a < count; ++a) {
-    rows.add(get_row(degree.Z.get(), first + degree.first_level[a + 1] - 1));
+    if (degree.degree[a] > 0)
+      rows.add(get_row(degree.Z.get(), first + degree.first_level[a + 1] - 1));
+    else
+      direct.add(get_row(system.C.get(), first_constraint + static_cast<PetscInt>(a)));
     rows.end_row();
+    direct.end_row();
   }
-  last_rows_ = rows.finish(system.comm(), column_range(degree.Z.get()).size());
+  last_rows_ = rows.finish(system.comm(), columns);
   abs_A_ = absolute_copy(system.A.get());
+  abs_B_ = absolute_copy(system.B.get());
+  abs_Z_ = absolute_copy(degree.Z.get());
   abs_last_ = absolute_copy(last_rows_.get());
-  bool coupled = false;
-  for_each_row(degree.markov.get(), [&](PetscInt row, auto columns, auto values) {
-    for (std::size_t k = 0; k < columns.size(); ++k)
-      coupled = coupled || (columns[k] != row && values[k] != 0.0);
-  });
-  coupled_ = anywhere(system.comm(), coupled);
+  any_direct_ = degree.lowest == 0;
+  direct_rows_ = direct.finish(system.comm(), columns);
+  if (any_direct_)
+    abs_direct_ = absolute_copy(direct_rows_.get());
+  else
+    direct_rows_.reset();
   upper_.assign(count, PETSC_INFINITY);
-  if (system.wmax) upper_ = values_of(system.wmax.get());
-  for (Vector* vector : {&rate_, &work_})
+  if (system.wmax) copy_to(system.wmax.get(), upper_);
+  fastest_ = std::max(fastest_of(system.f), offset != nullptr ? fastest_of(*offset) : 0.0);
+  MPI_Allreduce(MPI_IN_PLACE, &fastest_, 1, MPI_DOUBLE, MPI_MAX, system.comm());
+  for (Vector* vector : {&rate_, &work_, &bound_, &bound_next_})
     *vector = duplicate(system.x0.get());
-  for (Vector* vector : {&a_, &lambda_now_, &terms_, &w_now_})
+  for (Vector* vector : {&w_now_, &w_terms_})
     *vector = duplicate(system.w0.get());
   check(MatCreateVecs(degree.Z.get(), nullptr, outputs_.put()));
   g_ = duplicate(outputs_.get());
   contact_.assign(count, Side::none);
-  tied_.assign(count, 0);
-  leading_.assign(count, 0);
-  meets_.assign(count, 0);
+  wall_.assign(count, Side::none);
+  stand_.assign(count, Stand::away);
+  for (std::vector<int>* zeros : {&leading_, &pull_leading_})
+    zeros->assign(count, 0);
+  for (std::vector<char>* flags : {&tied_, &weightless_})
+    flags->assign(count, 0);
+  for (Numbers* numbers : {&a_, &lambda_now_, &rest_, &small_, &least_})
+    numbers->assign(count, 0.0);
+  meeting_.assign(static_cast<std::size_t>(degree.first_level.back()), 0);
+  PetscInt local = 0;
+  check(VecGetLocalSize(system.x0.get(), &local));
+  traversed_.assign(static_cast<std::size_t>(local), 0.0);
 }
 
-bool SmoothFlow::start(double t, Vec x, const std::vector<double>& z, bool continues) {
-  t_ = t;
-  z_ = z;
-  if (X_.empty()) X_.push_back(duplicate(x));
-  check(VecCopy(x, X_[0].get()));
-  norms_.assign(1, norm(x));
-  pushes_.assign(1, 0.0);
-  shifts_.assign(1, 0.0);
-  w_.assign(1, std::vector<double>(constraints(), 0.0));
-  lambda_.clear();
-  known_ = 1;
-  bool touching = false, unclear = !continues;
-  for (std::size_t a = 0; a < constraints(); ++a) {
-    const double z1 = z[at(a, 1)];
-    const bool above = z1 == upper_[a];
-    int leading = z1 == 0.0 || above ? 1 : 0;
-    while (leading > 0 && leading < levels(a) && z[at(a, leading + 1)] == 0.0)
-      ++leading;
-    leading_[a] = leading;
-    const bool touches = leading == levels(a);
-    unclear = unclear || touches != (contact_[a] != Side::none);
-    w_[0][a] = z1;
-    touching = touching || touches;
-  }
-  any_contact_ = anywhere(system_.comm(), touching);
-  undecided_ = any_contact_ && anywhere(system_.comm(), unclear);
-  if (undecided_) {
-    for (std::size_t a = 0; a < constraints(); ++a) {
-      tied_[a] = leading_[a] == levels(a) ? 1 : 0;
-      contact_[a] = Side::none;
-    }
-  }
-  for (int k = 0; undecided_ && k < decisive_terms; ++k)
-    if (!next()) return false;
-  // What is left is held by no force: it stays until something moves it.
-  for (std::size_t a = 0; a < constraints(); ++a)
-    if (tied_[a] != 0) contact_[a] = wall_of(a);
-  any_contact_ = anywhere(system_.comm(), std::any_of(contact_.begin(), contact_.end(),
-                                                      [](Side side) { return side != Side::none; }));
-  undecided_ = false;
-  return true;
-}
+// Outputs ------------------------------------------------------------------------------------------------
 
-// a_k = z_r^(k+1) / k! where lambda = 0, and what it is made of.
-void SmoothFlow::find_acceleration(int k) {
-  check(MatMult(last_rows_.get(), rate_.get(), a_.get()));
-  if (offset_ != nullptr) offset_->add_to(a_.get(), t_, degree_.highest + k, 1.0 / factorial(k));
-  if (system_.f.varies) {
-    forcing_.remaining_rate(t_, k, outputs_.get());
-    const ReadArray extra(outputs_.get());
-    const WriteArray a(a_.get());
-    for (std::size_t b = 0; b < constraints(); ++b)
-      a[static_cast<PetscInt>(b)] += extra[static_cast<PetscInt>(at(b, levels(b)))] / factorial(k);
-  }
-}
-
-void SmoothFlow::find_terms(int k) {
-  check(VecCopy(X_[static_cast<std::size_t>(k)].get(), work_.get()));
-  check(VecAbs(work_.get()));
-  const Vector sum = duplicate(work_.get());
-  check(MatMult(abs_A_.get(), work_.get(), sum.get()));
-  if (system_.f.any) system_.f.add_bound_to(sum.get(), k, 1.0 / factorial(k));
-  check(MatMult(abs_last_.get(), sum.get(), terms_.get()));
-  if (offset_ != nullptr) offset_->add_bound_to(terms_.get(), degree_.highest + k, 1.0 / factorial(k));
-}
-
-// Who of those that touch stays, by the k-th derivative: 0 <= a + M Lambda _|_ Lambda >= 0.
-bool SmoothFlow::decide(int k) {
-  find_terms(k);
-  if (coupled_ && !solve_contact_problem()) return false;
-  const ReadArray a(a_.get());
-  const ReadArray lambda(lambda_now_.get());
-  const ReadArray terms(terms_.get());
-  bool undecided = false;
-  for (std::size_t b = 0; b < constraints(); ++b) {
-    if (tied_[b] == 0) continue;
-    const auto i = static_cast<PetscInt>(b);
-    const double s = sign(wall_of(b)), small = tie * terms[i];
-    const double pull = coupled_ ? -s * lambda[i] * degree_.markov_diagonal[b] : s * a[i];
-    const double leaves = coupled_ ? s * leaving_[b] : s * a[i];
-    if (pull < -small) {
-      contact_[b] = wall_of(b);
-    } else if (leaves > small) {
-      leading_[b] = levels(b) + k;
-    } else {
-      undecided = true;
-      continue;
-    }
-    tied_[b] = 0;
-  }
-  undecided_ = anywhere(system_.comm(), undecided);
-  return true;
-}
-
-// The mixed complementarity problem of constraints that share inputs, certified like any step.
-bool SmoothFlow::solve_contact_problem() {
-  Vector lower = duplicate(a_.get()), upper = duplicate(a_.get()), q = duplicate(a_.get()),
-         start = duplicate(a_.get());
-  check(VecSet(start.get(), 0.0));
-  {
-    const ReadArray a(a_.get());
-    const WriteArray l(lower.get());
-    const WriteArray u(upper.get());
-    const WriteArray right(q.get());
-    for (std::size_t b = 0; b < constraints(); ++b) {
-      const auto i = static_cast<PetscInt>(b);
-      const bool one_sided = tied_[b] != 0;
-      const bool takes_part = one_sided || contact_[b] != Side::none;
-      l[i] = one_sided && wall_of(b) == Side::lower ? 0.0 : PETSC_NINFINITY;
-      u[i] = one_sided && wall_of(b) == Side::upper ? 0.0 : PETSC_INFINITY;
-      right[i] = takes_part ? a[i] : 0.0;
-    }
-  }
-  AffineVi vi(masked_markov(true), std::move(q), std::move(lower), std::move(upper), std::move(start));
-  NonlinearSolver snes;
-  check(SNESCreate(system_.comm(), snes.put()));
-  StepSolver solver(snes.get(), vi);
-  const StepReport report = solver.solve(Step{1, t_, t_, 0.0});
-  if (!report.certified) return false;
-  check(VecCopy(solver.solution(), lambda_now_.get()));
-  leaving_ = values_of(solver.residual());
-  return true;
-}
-
-// M with the rows of free constraints replaced by the identity's: their Lambda is 0.
-Matrix SmoothFlow::masked_markov(bool with_tied) const {
-  const LocalRange range = row_range(degree_.markov.get());
-  RowBuilder rows;
-  for (std::size_t b = 0; b < constraints(); ++b) {
-    const PetscInt row = range.first + static_cast<PetscInt>(b);
-    if ((with_tied && tied_[b] != 0) || contact_[b] != Side::none)
-      rows.add(get_row(degree_.markov.get(), row));
-    else
-      rows.add(row, 1.0);
-    rows.end_row();
-  }
-  return rows.finish(system_.comm(), range.size());
-}
-
-// M Lambda_k = -a_k on those in contact.
-bool SmoothFlow::find_multipliers() {
-  {
-    const ReadArray a(a_.get());
-    const WriteArray lambda(lambda_now_.get());
-    for (std::size_t b = 0; b < constraints(); ++b) {
-      const auto i = static_cast<PetscInt>(b);
-      const double right = contact_[b] != Side::none ? -a[i] : 0.0;
-      lambda[i] = coupled_ ? right : right / degree_.markov_diagonal[b];
-    }
-  }
-  if (!coupled_) return true;
-  if (anywhere(system_.comm(), !contact_matrix_ || factored_ != contact_)) {
-    contact_matrix_ = masked_markov(false);
-    factored_ = contact_;
-    if (!contact_solver_) {
-      check(KSPCreate(system_.comm(), contact_solver_.put()));
-      check(KSPSetOptionsPrefix(contact_solver_.get(), "sweepvi_contact_"));
-      default_to_mumps(contact_solver_.get());
-      // Many solves with small matrices, whose principal minors do not vanish: MUMPS is ten times slower.
-      PC pc = nullptr;
-      int ranks = 1;
-      MPI_Comm_size(system_.comm(), &ranks);
-      check(KSPGetPC(contact_solver_.get(), &pc));
-      if (ranks == 1) check(PCFactorSetMatSolverType(pc, MATSOLVERPETSC));
-      check_options(KSPSetFromOptions(contact_solver_.get()));
-    }
-    check(KSPSetOperators(contact_solver_.get(), contact_matrix_.get(), contact_matrix_.get()));
-  }
-  const Vector right = duplicate(lambda_now_.get());
-  check(VecCopy(lambda_now_.get(), right.get()));
-  if (solve(contact_solver_.get(), contact_matrix_.get(), right.get(), lambda_now_.get())) return true;
-  contact_matrix_.reset();
-  return false;
-}
-
-// The next term of x, w and lambda.
-bool SmoothFlow::next() {
-  const int k = known_ - 1;
-  const Vec x = X_[static_cast<std::size_t>(k)].get();
-  check(MatMult(system_.A.get(), x, rate_.get()));
-  if (system_.f.any) system_.f.add_to(rate_.get(), t_, k, 1.0 / factorial(k));
-  pushes_.push_back(0.0);
-  if (any_contact_) {
-    find_acceleration(k);
-    if (undecided_ && !decide(k)) return false;
-    if (!find_multipliers()) return false;
-    check(MatMult(system_.B.get(), lambda_now_.get(), work_.get()));
-    check(VecAXPY(rate_.get(), 1.0, work_.get()));
-    pushes_.back() = norm(work_.get()) / static_cast<double>(known_);
-    lambda_.push_back(values_of(lambda_now_.get()));
-  }
-  if (X_.size() <= static_cast<std::size_t>(known_)) X_.push_back(duplicate(x));
-  const Vec term = X_[static_cast<std::size_t>(known_)].get();
-  check(VecCopy(rate_.get(), term));
-  check(VecScale(term, 1.0 / static_cast<double>(known_)));
-  check(MatMult(system_.C.get(), term, w_now_.get()));
-  shifts_.push_back(0.0);
-  if (offset_ != nullptr) {
-    check(VecSet(a_.get(), 0.0));
-    offset_->add_to(a_.get(), t_, known_, 1.0 / factorial(known_));
-    check(VecAXPY(w_now_.get(), 1.0, a_.get()));
-    shifts_.back() = norm(a_.get());
-  }
-  w_.push_back(values_of(w_now_.get()));
-  for (std::size_t a = 0; a < constraints(); ++a)
-    if (known_ < levels(a)) w_.back()[a] = z_[at(a, known_ + 1)] / factorial(known_);
-  norms_.push_back(norm(term));
-  ++known_;
-  return true;
-}
-
-// What a term may be over this length and be left out: the error allowed, or rounding of the largest term. A
-// state that rests in contact is 0 for as long as it does, and begins to grow with a power of tau when it is
-// let go.
-double SmoothFlow::negligible(const std::vector<double>& terms, double length, double rate) const {
-  double largest = 0.0, power = 1.0;
-  for (const double term : terms) {
-    largest = std::max(largest, term * power);
-    power *= length;
-  }
-  return std::max(rate * length * std::max(norms_[0], norms_[1] * length), lost * largest);
-}
-
-// Two terms in a row: signals may have only odd ones.
-bool SmoothFlow::has_converged(double length, double rate) const {
-  for (const std::vector<double>* terms : {&norms_, &pushes_, &shifts_}) {
-    const double small = negligible(*terms, length, rate);
-    for (auto k = static_cast<std::size_t>(known_ - 2); k < static_cast<std::size_t>(known_); ++k)
-      if (!((*terms)[k] * std::pow(length, k) <= small)) return false;
-  }
-  return true;
-}
-
-std::optional<double> SmoothFlow::expand(double length, double rate) {
-  const int least = std::max(4, degree_.highest + 2);
-  while (true) {
-    if (!std::isfinite(norms_[static_cast<std::size_t>(known_ - 1)])) return std::nullopt;
-    if (known_ > least && has_converged(length, rate)) return length;
-    if (known_ == most_terms) break;
-    if (!next()) return std::nullopt;
-  }
-  for (const std::vector<double>* terms : {&norms_, &pushes_, &shifts_})
-    for (std::size_t k = most_terms - 2; k < most_terms; ++k)
-      length = std::min(length, 0.9 * convergent_length(*terms, k, length, rate));
-  return length;
-}
-
-// Over which term k is negligible.
-double SmoothFlow::convergent_length(const std::vector<double>& terms, std::size_t k, double length,
-                                     double rate) const {
-  if (terms[k] == 0.0) return PETSC_INFINITY;
-  const double size = std::max(norms_[0], norms_[1] * length);
-  double longest = std::pow(rate * size / terms[k], 1.0 / static_cast<double>(k - 1));
-  for (std::size_t j = 0; j + 2 < most_terms; ++j)
-    longest = std::max(longest, std::pow(lost * terms[j] / terms[k], 1.0 / static_cast<double>(k - j)));
-  return longest;
-}
-
-// The distance from a wall: coefficients that are 0 in exact arithmetic are exactly so.
-std::vector<double> SmoothFlow::guard(std::size_t a, Side wall) const {
-  std::vector<double> coefficients(static_cast<std::size_t>(known_));
-  const double s = sign(wall);
-  for (std::size_t k = 0; k < coefficients.size(); ++k)
-    coefficients[k] = s * w_[k][a];
-  if (wall == Side::upper) coefficients[0] += upper_[a];
-  if (leading_[a] > 0 && wall == wall_of(a))
-    std::fill_n(coefficients.begin(),
-                std::min<std::size_t>(coefficients.size(), static_cast<std::size_t>(leading_[a])), 0.0);
-  return coefficients;
-}
-
-std::optional<double> SmoothFlow::event_of(std::size_t a, double length) const {
-  if (contact_[a] != Side::none) {
-    if (tied_[a] != 0) return std::nullopt;  // weightless
-    std::vector<double> pull(lambda_.size());
-    for (std::size_t k = 0; k < pull.size(); ++k)
-      pull[k] = sign(contact_[a]) * lambda_[k][a];
-    return first_root(pull, length);
-  }
-  std::optional<double> first = first_root(guard(a, Side::lower), length);
-  if (upper_[a] < PETSC_INFINITY)
-    if (const auto other = first_root(guard(a, Side::upper), length); other && (!first || *other < *first))
-      first = other;
-  return first;
-}
-
-std::optional<double> SmoothFlow::first_event(double length) {
-  std::vector<double> when(constraints(), PETSC_INFINITY);
-  double first = PETSC_INFINITY;
-  for (std::size_t a = 0; a < constraints(); ++a) {
-    if (const auto root = event_of(a, length)) when[a] = *root;
-    first = std::min(first, when[a]);
-  }
-  MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_DOUBLE, MPI_MIN, system_.comm());
-  const double last = first + together * (std::abs(t_) + length);
-  for (std::size_t a = 0; a < constraints(); ++a)
-    meets_[a] = when[a] <= last ? 1 : 0;
-  return first < PETSC_INFINITY ? std::optional(first) : std::nullopt;
-}
-
-void SmoothFlow::evaluate(double tau, bool at_event, Vec x, std::vector<double>& z, std::vector<double>& mu) {
-  check(VecCopy(X_[static_cast<std::size_t>(known_ - 1)].get(), x));
-  for (int k = known_ - 2; k >= 0; --k)
-    check(VecAYPX(x, tau, X_[static_cast<std::size_t>(k)].get()));
-  for (std::size_t a = 0; a < constraints(); ++a) {
-    if (contact_[a] != Side::none) {
-      for (std::size_t k = lambda_.size(); k-- > 0;)
-        mu[a] += lambda_[k][a] * std::pow(tau, k + 1) / static_cast<double>(k + 1);
-      for (int i = 1; i <= levels(a); ++i)
-        z[at(a, i)] = i == 1 && contact_[a] == Side::upper ? upper_[a] : 0.0;
-      continue;
-    }
-    const Side wall = leading_[a] > 0 ? wall_of(a) : Side::lower;
-    std::vector<double> distance = guard(a, wall);
-    for (int i = 1; i <= levels(a); ++i) {
-      z[at(a, i)] =
-          sign(wall) * polynomial(distance, tau) + (i == 1 && wall == Side::upper ? upper_[a] : 0.0);
-      for (std::size_t k = 1; k < distance.size(); ++k)
-        distance[k - 1] = static_cast<double>(k) * distance[k];
-      distance.back() = 0.0;
-    }
-    if (!at_event || meets_[a] == 0) continue;
-    double& z1 = z[at(a, 1)];
-    z1 = std::abs(z1) <= std::abs(upper_[a] - z1) ? 0.0 : upper_[a];
-  }
-  if (at_event || any_contact_) project(x, t_ + tau, at_event);
-}
-
-// To the outputs' own g: level i is the (i-1)-th derivative.
-void SmoothFlow::add_offset(double t) {
-  for (int i = 1; i <= degree_.highest; ++i) {
+void SmoothFlow::find_outputs(double t, Vec x, Outputs& to) {
+  forcing_.evaluate(t, g_.get());
+  for (int i = 1; offset_ != nullptr && i <= degree_.highest; ++i) {  // the (i-1)-th derivative on level i
     check(VecSet(w_now_.get(), 0.0));
     offset_->add_to(w_now_.get(), t, i - 1, 1.0);
     const ReadArray moved(w_now_.get());
@@ -420,36 +135,609 @@ void SmoothFlow::add_offset(double t) {
     for (std::size_t a = 0; a < constraints(); ++a)
       g[static_cast<PetscInt>(at(a, i))] += moved[static_cast<PetscInt>(a)];
   }
+  check(MatMultAdd(degree_.Z.get(), x, g_.get(), outputs_.get()));
+  copy_to(outputs_.get(), to.z);
+  {
+    const ReadArray now(x);
+    const WriteArray sizes(work_.get());
+    for (PetscInt i = 0; i < now.size(); ++i)
+      sizes[i] = std::max(std::abs(now[i]), traversed_[static_cast<std::size_t>(i)]);
+  }
+  check(MatMult(abs_Z_.get(), work_.get(), outputs_.get()));
+  copy_to(outputs_.get(), to.terms);
+  const ReadArray g(g_.get());
+  to.noise.resize(to.terms.size());
+  for (std::size_t q = 0; q < to.terms.size(); ++q) {
+    to.terms[q] += std::abs(g[static_cast<PetscInt>(q)]);
+    to.noise[q] = noisy * to.terms[q];
+  }
 }
 
-void SmoothFlow::put_in_contact(const std::vector<Side>& contact, double t, Vec x) {
-  contact_ = contact;
-  project(x, t, false);
+bool SmoothFlow::place(double t, Vec x, const std::vector<char>& known) {
+  t_ = t;
+  find_outputs(t, x, at_begin_);
+  std::array<int, 3> found{};  // out, touching, at a wall
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    Stand stand = Stand::touching;
+    wall_[a] = Side::lower;
+    leading_[a] = levels(a);
+    if (levels(a) > 0) {
+      double& z1 = at_begin_.z[at(a, 1)];
+      const double from_upper = z1 - upper_[a];
+      const bool above = std::abs(from_upper) < std::abs(z1);
+      const bool stands =
+          known[at(a, 1)] != 0 || std::abs(above ? from_upper : z1) <= at_begin_.noise[at(a, 1)];
+      wall_[a] = above ? Side::upper : Side::lower;
+      if (stands)
+        z1 = above ? upper_[a] : 0.0;
+      else
+        stand = z1 < 0.0 || from_upper > 0.0 ? Stand::out : Stand::away;
+      for (int i = 2; i <= levels(a) && stand == Stand::touching; ++i) {
+        double& output = at_begin_.z[at(a, i)];
+        leading_[a] = i - 1;
+        if (known[at(a, i)] != 0 || std::abs(output) <= at_begin_.noise[at(a, i)])
+          output = 0.0;
+        else
+          stand = sign(wall_[a]) * output < 0.0 ? Stand::out : Stand::leaving;
+      }
+      if (stand == Stand::touching) leading_[a] = levels(a);
+      if (!stands) leading_[a] = 0;
+      if (stands) found[2] = 1;
+    }
+    stand_[a] = stand;
+    if (stand == Stand::out) found[0] = 1;
+    if (stand == Stand::touching) found[1] = 1;
+  }
+  MPI_Allreduce(MPI_IN_PLACE, found.data(), 3, MPI_INT, MPI_LOR, system_.comm());
+  any_touching_ = found[1] != 0;
+  any_at_wall_ = found[2] != 0;
+  return found[0] != 0;
 }
 
-// Rounding and truncation leave outputs that are known: back along their directions. In contact these are
-// all, at an event the first.
-void SmoothFlow::project(Vec x, double t, bool at_event) {
-  forcing_.evaluate(t, g_.get());
-  if (offset_ != nullptr) add_offset(t);
-  for (int sweep = 0; sweep < (coupled_ ? 1 + degree_.highest : 1); ++sweep) {
+// A direction of a level moves outputs of its own depth r - i and of lesser ones: deepest first.
+void SmoothFlow::pull_in(Vec x) {
+  if (!any_at_wall_) return;
+  const int sweeps = forces_.coupled() ? 2 * degree_.highest : 1;
+  std::vector<char> set(constraints());
+  Numbers defect(constraints());
+  for (int sweep = 0; sweep < sweeps; ++sweep) {
+    const int depth = degree_.highest - 1 - sweep / 2;
     check(MatMultAdd(degree_.Z.get(), x, g_.get(), outputs_.get()));
+    if (forces_.coupled()) {
+      const ReadArray z(outputs_.get());
+      for (std::size_t a = 0; a < constraints(); ++a) {
+        const int level = levels(a) - depth;
+        set[a] = level >= 1 && level <= leading_[a] ? 1 : 0;
+        defect[a] = set[a] == 0 ? 0.0
+                                : z[static_cast<PetscInt>(at(a, level))] -
+                                      (level == 1 && wall_[a] == Side::upper ? upper_[a] : 0.0);
+      }
+    }
+    if (forces_.coupled() && !forces_.solve(set, defect)) return;
     {
-      const WriteArray values(outputs_.get());
+      const WriteArray z(outputs_.get());
       for (std::size_t a = 0; a < constraints(); ++a)
         for (int i = 1; i <= levels(a); ++i) {
-          double& value = values[static_cast<PetscInt>(at(a, i))];
-          const bool holds = contact_[a] != Side::none;
-          if (!holds && !(at_event && meets_[a] != 0 && i == 1))
+          double& value = z[static_cast<PetscInt>(at(a, i))];
+          if (i > leading_[a] || (forces_.coupled() && levels(a) - i != depth))
             value = 0.0;
-          else if (i == 1 &&
-                   (holds ? contact_[a] == Side::upper : std::abs(value) > std::abs(upper_[a] - value)))
-            value -= upper_[a];
+          else if (forces_.coupled())
+            value = -defect[a] * degree_.markov_diagonal[a];
+          else
+            value = (i == 1 && wall_[a] == Side::upper ? upper_[a] : 0.0) - value;
         }
     }
-    check(VecScale(outputs_.get(), -1.0));
     check(MatMultTransposeAdd(degree_.directions.get(), outputs_.get(), x, x));
   }
+}
+
+bool SmoothFlow::push_out(double t, Vec x, Numbers& pushes) {
+  std::vector<Role> roles(constraints(), Role::off);
+  std::vector<Side> guess(constraints(), Side::none);
+  Numbers distance(constraints(), 0.0), small(constraints(), 0.0), rest;
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (levels(a) == 0) continue;
+    roles[a] = wall_[a] == Side::upper ? Role::upper : Role::lower;
+    distance[a] = at_begin_.z[at(a, 1)] - (wall_[a] == Side::upper ? upper_[a] : 0.0);
+    small[a] = at_begin_.noise[at(a, 1)];
+    if (sign(wall_[a]) * distance[a] < 0.0) guess[a] = wall_[a];
+  }
+  if (!forces_.complement(t, roles, distance, small, guess, pushes, rest)) return false;
+  check(VecSet(outputs_.get(), 0.0));
+  {
+    const WriteArray z(outputs_.get());
+    for (std::size_t a = 0; a < constraints(); ++a)
+      if (levels(a) > 0) z[static_cast<PetscInt>(at(a, 1))] = pushes[a] * degree_.markov_diagonal[a];
+  }
+  check(MatMultTransposeAdd(degree_.directions.get(), outputs_.get(), x, x));
+  return true;
+}
+
+// Who stays in contact -----------------------------------------------------------------------------------
+
+void SmoothFlow::reset_terms(Vec x) {
+  if (X_.empty()) X_.push_back(duplicate(x));
+  if (x != X_[0].get()) check(VecCopy(x, X_[0].get()));
+  known_ = 1;
+  lambda_.clear();
+  w_.assign(1, Numbers(constraints(), 0.0));
+  for (std::size_t a = 0; a < constraints(); ++a)
+    if (levels(a) > 0) w_[0][a] = at_begin_.z[at(a, 1)];
+}
+
+bool SmoothFlow::choose(Vec x, const std::vector<Side>& guess) {
+  reset_terms(x);
+  guess_ = guess;
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    tied_[a] = stand_[a] == Stand::touching ? 1 : 0;
+    contact_[a] = Side::none;
+    weightless_[a] = 0;
+    pull_leading_[a] = 0;
+    least_[a] = 0.0;
+  }
+  any_contact_ = deciding_ = any_touching_;
+  if (deciding_) {
+    const ReadArray now(x);
+    const WriteArray bound(bound_.get());
+    for (PetscInt i = 0; i < now.size(); ++i)
+      bound[i] = std::max(std::abs(now[i]), traversed_[static_cast<std::size_t>(i)]);
+  }
+  for (int k = 0; deciding_ && k < decisive_terms; ++k)
+    if (!next()) return false;
+  deciding_ = false;
+  // What is left is held by no force: it stays until something moves it.
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (tied_[a] == 0) continue;
+    contact_[a] = wall_[a];
+    weightless_[a] = 1;
+  }
+  any_contact_ = anywhere(system_.comm(), std::any_of(contact_.begin(), contact_.end(),
+                                                      [](Side side) { return side != Side::none; }));
+  reset_terms(X_[0].get());
+  return true;
+}
+
+void SmoothFlow::begin_again(double t, Vec x) {
+  t_ = t;
+  find_outputs(t, x, at_begin_);
+  for (std::size_t a = 0; a < constraints(); ++a)
+    for (int i = 1; i <= std::min(levels(a), leading_[a]); ++i)
+      at_begin_.z[at(a, i)] = i == 1 && wall_[a] == Side::upper ? upper_[a] : 0.0;
+  any_contact_ = anywhere(system_.comm(), std::any_of(contact_.begin(), contact_.end(),
+                                                      [](Side side) { return side != Side::none; }));
+  reset_terms(x);
+}
+
+// Who of those that touch stays, by the k-th derivative.
+bool SmoothFlow::decide(int k) {
+  check(MatMult(abs_A_.get(), bound_.get(), bound_next_.get()));
+  if (system_.f.any) system_.f.add_bound_to(bound_next_.get(), k, 1.0 / factorial(k));
+  check(MatMult(abs_last_.get(), bound_next_.get(), w_terms_.get()));
+  if (offset_ != nullptr) offset_->add_bound_to(w_terms_.get(), degree_.highest + k, 1.0 / factorial(k));
+  if (any_direct_) {
+    check(MatMultAdd(abs_direct_.get(), bound_.get(), w_terms_.get(), w_terms_.get()));
+    const ReadArray w0(system_.w0.get());
+    const WriteArray terms(w_terms_.get());
+    for (std::size_t a = 0; k == 0 && a < constraints(); ++a)
+      if (levels(a) == 0) terms[static_cast<PetscInt>(a)] += std::abs(w0[static_cast<PetscInt>(a)]);
+  }
+  copy_to(w_terms_.get(), small_);
+  for (double& value : small_)
+    value *= tie;
+  std::vector<Role> roles(constraints(), Role::off);
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (tied_[a] != 0 && levels(a) == 0 && k == 0)
+      roles[a] = Role::between;
+    else if (tied_[a] != 0)
+      roles[a] = wall_[a] == Side::upper ? Role::upper : Role::lower;
+    else if (contact_[a] != Side::none)
+      roles[a] = Role::holds;
+  }
+  if (!forces_.complement(t_, roles, a_, small_, guess_, lambda_now_, rest_)) return false;
+  const Numbers least = forces_.negligible(small_);
+  if (k == 0) least_ = least;
+  bool undecided = false;
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (tied_[a] == 0) continue;
+    double rest = rest_[a];
+    if (roles[a] == Role::between) {  // which wall it is about
+      wall_[a] = lambda_now_[a] < -least[a] || (lambda_now_[a] <= least[a] && rest > 0.5 * upper_[a])
+                     ? Side::upper
+                     : Side::lower;
+      if (wall_[a] == Side::upper) rest -= upper_[a];
+    }
+    const double s = sign(wall_[a]);
+    if (s * lambda_now_[a] > least[a]) {
+      contact_[a] = wall_[a];
+      pull_leading_[a] = k;
+    } else if (s * rest > small_[a]) {
+      leading_[a] = levels(a) + k;
+      stand_[a] = Stand::leaving;
+    } else {
+      undecided = true;
+      continue;
+    }
+    tied_[a] = 0;
+  }
+  deciding_ = anywhere(system_.comm(), undecided);
+  // What the next term is made of.
+  {
+    const WriteArray sizes(w_now_.get());
+    for (std::size_t a = 0; a < constraints(); ++a)
+      sizes[static_cast<PetscInt>(a)] = std::abs(lambda_now_[a]);
+  }
+  check(MatMultAdd(abs_B_.get(), w_now_.get(), bound_next_.get(), bound_.get()));
+  check(VecScale(bound_.get(), 1.0 / static_cast<double>(k + 1)));
+  return true;
+}
+
+// The series ---------------------------------------------------------------------------------------------
+
+void SmoothFlow::find_rate(int k) {
+  check(MatMult(system_.A.get(), X_[static_cast<std::size_t>(k)].get(), rate_.get()));
+  if (system_.f.any) system_.f.add_to(rate_.get(), t_, k, 1.0 / factorial(k));
+}
+
+// a_k = w^(r+k) / k! with the multipliers that rate_ has in it.
+void SmoothFlow::find_acceleration(int k) {
+  check(MatMult(last_rows_.get(), rate_.get(), w_now_.get()));
+  if (offset_ != nullptr) offset_->add_to(w_now_.get(), t_, degree_.highest + k, 1.0 / factorial(k));
+  if (any_direct_)
+    check(MatMultAdd(direct_rows_.get(), X_[static_cast<std::size_t>(k)].get(), w_now_.get(), w_now_.get()));
+  copy_to(w_now_.get(), a_);
+  if (any_direct_ && k == 0) {
+    const ReadArray w0(system_.w0.get());
+    for (std::size_t a = 0; a < constraints(); ++a)
+      if (levels(a) == 0) a_[a] += w0[static_cast<PetscInt>(a)];
+  }
+  if (!system_.f.varies || degree_.highest == 0) return;
+  forcing_.remaining_rate(t_, k, outputs_.get());
+  const ReadArray extra(outputs_.get());
+  for (std::size_t a = 0; a < constraints(); ++a)
+    if (levels(a) > 0) a_[a] += extra[static_cast<PetscInt>(at(a, levels(a)))] / factorial(k);
+}
+
+// M Lambda_k = -a_k on those in contact.
+bool SmoothFlow::find_multipliers(int k) {
+  std::vector<char> set(constraints());
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    set[a] = contact_[a] != Side::none ? 1 : 0;
+    lambda_now_[a] = -a_[a];
+    if (k == 0 && levels(a) == 0 && contact_[a] == Side::upper) lambda_now_[a] += upper_[a];
+  }
+  if (!forces_.solve(set, lambda_now_)) return false;
+  if (any_direct_) forces_.find_rest(a_, lambda_now_, rest_);
+  return true;
+}
+
+// Large multipliers that nearly cancel leave accelerations of what they hold: taken out once more.
+bool SmoothFlow::refine_rate(int k) {
+  double scale = 0.0;
+  for (std::size_t a = 0; a < constraints(); ++a)
+    if (levels(a) > 0) scale = std::max(scale, std::abs(a_[a]));
+  std::vector<char> set(constraints());
+  Numbers more(constraints());
+  for (int sweep = 0; sweep < 4; ++sweep) {
+    find_acceleration(k);
+    std::array<double, 2> sizes{scale, 0.0};
+    for (std::size_t a = 0; a < constraints(); ++a) {
+      set[a] = contact_[a] != Side::none ? 1 : 0;
+      more[a] = set[a] != 0 && levels(a) > 0 ? -a_[a] : 0.0;
+      sizes[1] = std::max(sizes[1], std::abs(more[a]));
+    }
+    MPI_Allreduce(MPI_IN_PLACE, sizes.data(), 2, MPI_DOUBLE, MPI_MAX, system_.comm());
+    if (!(sizes[1] > 16.0 * lost * sizes[0])) return true;
+    if (!forces_.solve(set, more)) return false;
+    {
+      const WriteArray push(w_now_.get());
+      for (std::size_t a = 0; a < constraints(); ++a) {
+        push[static_cast<PetscInt>(a)] = more[a];
+        lambda_now_[a] += more[a];
+      }
+    }
+    check(MatMultAdd(system_.B.get(), w_now_.get(), rate_.get(), rate_.get()));
+  }
+  return true;
+}
+
+// The next term of x, w and lambda.
+bool SmoothFlow::next() {
+  const int k = known_ - 1;
+  find_rate(k);
+  if (any_contact_ || any_direct_) {
+    find_acceleration(k);
+    if (deciding_ ? !decide(k) : !find_multipliers(k)) return false;
+    {
+      const WriteArray push(w_now_.get());
+      std::copy(lambda_now_.begin(), lambda_now_.end(), push.data());
+    }
+    if (any_direct_)
+      for (std::size_t a = 0; a < constraints(); ++a)
+        if (levels(a) == 0)
+          w_.back()[a] = contact_[a] == Side::none              ? rest_[a]
+                         : contact_[a] == Side::upper && k == 0 ? upper_[a]
+                                                                : 0.0;
+    check(MatMultAdd(system_.B.get(), w_now_.get(), rate_.get(), rate_.get()));
+    if (forces_.coupled() && any_contact_ && !deciding_ && !refine_rate(k)) return false;
+    lambda_.push_back(lambda_now_);
+  }
+  if (X_.size() <= static_cast<std::size_t>(known_)) X_.push_back(duplicate(rate_.get()));
+  const Vec term = X_[static_cast<std::size_t>(known_)].get();
+  check(VecCopy(rate_.get(), term));
+  check(VecScale(term, 1.0 / static_cast<double>(known_)));
+  check(MatMult(system_.C.get(), term, w_now_.get()));
+  if (offset_ != nullptr) offset_->add_to(w_now_.get(), t_, known_, 1.0 / factorial(known_));
+  w_.emplace_back();
+  copy_to(w_now_.get(), w_.back());
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (known_ < levels(a)) w_.back()[a] = at_begin_.z[at(a, known_ + 1)] / factorial(known_);
+    if (levels(a) == 0) w_.back()[a] = 0.0;  // the next term's multipliers say
+  }
+  ++known_;
+  return true;
+}
+
+// Of the largest term.
+double SmoothFlow::left_out(double length) const {
+  return std::clamp(rate_of_error_ * length, lost, coarsest);
+}
+
+// Whether term k is negligible over length_, for each component, w and multiplier by itself.
+void SmoothFlow::count_term(int k) {
+  const double power = std::pow(length_, k), before = std::pow(length_, std::max(0, k - 1));
+  bool loud = !std::isfinite(power);
+  const double part = left_out(length_);
+  const auto count = [&](double value, double& scale) {
+    value = std::abs(value);
+    scale = std::max(scale, value);
+    loud = loud || !(value <= part * scale);
+  };
+  {
+    const ReadArray term(X_[static_cast<std::size_t>(k)].get());
+    for (PetscInt i = 0; i < term.size(); ++i)
+      count(term[i] * power, scale_[static_cast<std::size_t>(i)]);
+  }
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (levels(a) > 0)
+      count(w_[static_cast<std::size_t>(k)][a] * power, w_scale_[a]);
+    else if (k > 0)
+      count(w_[static_cast<std::size_t>(k - 1)][a] * before, w_scale_[a]);
+    if (k > 0 && static_cast<std::size_t>(k) <= lambda_.size() && contact_[a] != Side::none)
+      count(lambda_[static_cast<std::size_t>(k - 1)][a] * before, lambda_scale_[a]);
+  }
+  loud = loud || !forcing_negligible(length_, k);
+  quiet_ = anywhere(system_.comm(), loud) ? 0 : quiet_ + 1;
+}
+
+// Whether the k-th term of a sine of the highest frequency is.
+bool SmoothFlow::forcing_negligible(double length, int k) const {
+  double term = 1.0, largest = 1.0;
+  for (int j = 1; j <= k && std::isfinite(term); ++j) {
+    term *= fastest_ * length / static_cast<double>(j);
+    largest = std::max(largest, term);
+  }
+  return fastest_ == 0.0 || term <= left_out(length) * largest;
+}
+
+std::optional<double> SmoothFlow::expand(double length, double rate) {
+  // Two terms in a row: signals may have only odd ones; and what is at rest begins with zeros.
+  const int least = std::max(6, degree_.highest + 4);
+  length_ = length;
+  rate_of_error_ = rate;
+  quiet_ = 0;
+  scale_.assign(traversed_.size(), 0.0);
+  w_scale_.assign(constraints(), 0.0);
+  lambda_scale_.assign(constraints(), 0.0);
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (levels(a) > 0) w_scale_[a] = at_begin_.terms[at(a, 1)];
+    lambda_scale_[a] = least_[a] / tie;
+  }
+  count_term(0);
+  while (known_ < most_terms_ && !(known_ >= least && quiet_ >= 2)) {
+    if (!next()) return std::nullopt;
+    count_term(known_ - 1);
+  }
+  if (quiet_ < 2) length_ = longest(length);
+  if (!(length_ > 0.0)) return std::nullopt;
+  find_coupling();
+  return length_;
+}
+
+// bound_ = |A| |x| + |f| + |B| |lambda| at the begin.
+void SmoothFlow::find_coupling() {
+  check(VecCopy(X_[0].get(), work_.get()));
+  check(VecAbs(work_.get()));
+  check(MatMult(abs_A_.get(), work_.get(), bound_.get()));
+  if (system_.f.any) system_.f.add_bound_to(bound_.get(), 0, 1.0);
+  if (!any_contact_ || lambda_.empty()) return;
+  {
+    const WriteArray sizes(w_now_.get());
+    for (std::size_t a = 0; a < constraints(); ++a)
+      sizes[static_cast<PetscInt>(a)] = std::abs(lambda_[0][a]);
+  }
+  check(MatMultAdd(abs_B_.get(), w_now_.get(), bound_.get(), bound_.get()));
+}
+
+// Over which the last two terms are negligible.
+double SmoothFlow::longest(double length) const {
+  constexpr double least = 1e-200;  // nothing is so fast
+  const auto terms = static_cast<std::size_t>(known_);
+  bool finite = true;
+  const auto shorten = [&](std::span<const double> coefficients, double floor) {
+    if (!std::all_of(coefficients.begin(), coefficients.end(), [](double c) { return std::isfinite(c); }))
+      finite = false;
+    while (finite && length > least && !negligible(coefficients, length, floor, left_out(length)))
+      length *= 0.9;
+  };
+  std::array<double, enough_terms> column{};
+  {
+    std::vector<const PetscScalar*> X(terms);
+    for (std::size_t k = 0; k < terms; ++k)
+      check(VecGetArrayRead(X_[k].get(), &X[k]));
+    for (std::size_t i = 0; i < traversed_.size(); ++i) {
+      for (std::size_t k = 0; k < terms; ++k)
+        column[k] = X[k][i];
+      shorten({column.data(), terms}, 0.0);
+    }
+    for (std::size_t k = 0; k < terms; ++k)
+      check(VecRestoreArrayRead(X_[k].get(), &X[k]));
+  }
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    const std::size_t count = levels(a) > 0 ? terms : terms - 1;
+    for (std::size_t k = 0; k < count; ++k)
+      column[k] = w_[k][a];
+    shorten({column.data(), count}, levels(a) > 0 ? at_begin_.terms[at(a, 1)] : 0.0);
+    if (contact_[a] == Side::none) continue;
+    for (std::size_t k = 0; k < lambda_.size(); ++k)
+      column[k] = lambda_[k][a];
+    shorten({column.data(), lambda_.size()}, least_[a] / tie);
+  }
+  while (length > least &&
+         !(forcing_negligible(length, known_ - 2) && forcing_negligible(length, known_ - 1)))
+    length *= 0.9;
+  if (!finite || length <= least) length = 0.0;
+  MPI_Allreduce(MPI_IN_PLACE, &length, 1, MPI_DOUBLE, MPI_MIN, system_.comm());
+  return length;
+}
+
+void SmoothFlow::state(double tau, Vec x) const {
+  check(VecCopy(X_[static_cast<std::size_t>(known_ - 1)].get(), x));
+  for (int k = known_ - 2; k >= 0; --k)
+    check(VecAYPX(x, tau, X_[static_cast<std::size_t>(k)].get()));
+}
+
+void SmoothFlow::traverse(double tau, Vec x) {
+  state(tau, x);
+  double power = 1.0;
+  for (int k = 0; k < known_; ++k, power *= tau) {
+    const ReadArray term(X_[static_cast<std::size_t>(k)].get());
+    for (PetscInt i = 0; i < term.size(); ++i) {
+      double& largest = traversed_[static_cast<std::size_t>(i)];
+      const double value = std::abs(term[i]) * power;
+      largest = k == 0 ? value : std::max(largest, value);
+    }
+  }
+  const ReadArray coupling(bound_.get());
+  for (std::size_t i = 0; i < traversed_.size(); ++i)
+    traversed_[i] = std::max(traversed_[i], tau * coupling[static_cast<PetscInt>(i)]);
+}
+
+// Events -------------------------------------------------------------------------------------------------
+
+// The distance from a wall: coefficients that are 0 in exact arithmetic are exactly so.
+Numbers SmoothFlow::distance(std::size_t a, Side wall) const {
+  Numbers coefficients(levels(a) > 0 ? w_.size() : lambda_.size());
+  const double s = sign(wall);
+  for (std::size_t k = 0; k < coefficients.size(); ++k)
+    coefficients[k] = s * w_[k][a];
+  if (wall == Side::upper) coefficients[0] += upper_[a];
+  if (wall == wall_[a])
+    std::fill_n(coefficients.begin(), std::min(coefficients.size(), static_cast<std::size_t>(leading_[a])),
+                0.0);
+  return coefficients;
+}
+
+std::optional<double> SmoothFlow::event_of(std::size_t a, double length) const {
+  if (contact_[a] != Side::none) {
+    Numbers pull(lambda_.size());
+    for (std::size_t k = 0; k < pull.size(); ++k)
+      pull[k] = sign(contact_[a]) * lambda_[k][a];
+    std::fill_n(pull.begin(), std::min(pull.size(), static_cast<std::size_t>(pull_leading_[a])), 0.0);
+    if (weightless_[a] != 0 && !pull.empty()) pull[0] = std::max(0.0, pull[0]) + least_[a];
+    return first_root(pull, length);
+  }
+  std::optional<double> first = first_root(distance(a, Side::lower), length);
+  if (upper_[a] < PETSC_INFINITY)
+    if (const auto other = first_root(distance(a, Side::upper), length); other && (!first || *other < *first))
+      first = other;
+  return first;
+}
+
+std::optional<double> SmoothFlow::first_event(double length) {
+  Numbers when(constraints(), PETSC_INFINITY);
+  double first = PETSC_INFINITY;
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (const auto root = event_of(a, length)) when[a] = *root;
+    first = std::min(first, when[a]);
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_DOUBLE, MPI_MIN, system_.comm());
+  std::fill(meeting_.begin(), meeting_.end(), 0);
+  for (std::size_t a = 0; a < constraints(); ++a)
+    if (levels(a) > 0 && contact_[a] == Side::none && when[a] < PETSC_INFINITY &&
+        when[a] <= first * (1.0 + lost))
+      meeting_[at(a, 1)] = 1;
+  return first < PETSC_INFINITY ? std::optional(first) : std::nullopt;
+}
+
+Outputs SmoothFlow::outputs(double tau, Vec x) {
+  Outputs now;
+  find_outputs(t_ + tau, x, now);
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (levels(a) == 0) continue;
+    double& z1 = now.z[at(a, 1)];
+    if (contact_[a] != Side::none) {
+      for (int i = 1; i <= levels(a); ++i)
+        now.z[at(a, i)] = i == 1 && contact_[a] == Side::upper ? upper_[a] : 0.0;
+    } else if (z1 < 0.0 && z1 >= -now.noise[at(a, 1)]) {
+      z1 = 0.0;
+    } else if (z1 > upper_[a] && z1 <= upper_[a] + now.noise[at(a, 1)]) {
+      z1 = upper_[a];
+    }
+  }
+  return now;
+}
+
+Numbers SmoothFlow::w(double tau, const Outputs& outputs) const {
+  Numbers values(constraints());
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (levels(a) > 0)
+      values[a] = outputs.z[at(a, 1)];
+    else if (contact_[a] != Side::none)
+      values[a] = contact_[a] == Side::upper ? upper_[a] : 0.0;
+    else
+      values[a] = wall_[a] == Side::upper
+                      ? std::min(upper_[a], upper_[a] - polynomial(distance(a, Side::upper), tau))
+                      : std::max(0.0, polynomial(distance(a, Side::lower), tau));
+  }
+  return values;
+}
+
+void SmoothFlow::add_measures(double from, double to, Numbers& mu) const {
+  for (std::size_t a = 0; a < constraints(); ++a) {
+    if (contact_[a] == Side::none) continue;
+    Numbers integral(lambda_.size() + 1, 0.0);
+    for (std::size_t k = 0; k < lambda_.size(); ++k)
+      integral[k + 1] = lambda_[k][a] / static_cast<double>(k + 1);
+    mu[a] += polynomial(integral, to) - (from > 0.0 ? polynomial(integral, from) : 0.0);
+  }
+}
+
+double SmoothFlow::excursion(std::size_t a, double tau) const {
+  const Numbers coefficients = distance(a, wall_[a]);
+  double largest = 0.0;
+  for (int i = 1; i <= 8; ++i)
+    largest = std::max(largest, std::abs(polynomial(coefficients, 0.125 * i * tau)));
+  return largest;
+}
+
+void SmoothFlow::visit(const Show& states, const Show& constraints) {
+  const auto small = [&](const char* name, auto& values) {
+    using Small = typename std::decay_t<decltype(values)>::value_type;
+    Numbers numbers;
+    for (const Small value : values)
+      numbers.push_back(static_cast<double>(value));
+    constraints(name, numbers);
+    for (std::size_t a = 0; a < numbers.size(); ++a)
+      values[a] = static_cast<Small>(static_cast<int>(numbers[a]));
+  };
+  small("stand", stand_);
+  small("wall", wall_);
+  small("leading", leading_);
+  small("pull leading", pull_leading_);
+  small("contact", contact_);
+  small("weightless", weightless_);
+  constraints("least", least_);
+  states("traversed", traversed_);
 }
 
 }  // namespace sweepvi

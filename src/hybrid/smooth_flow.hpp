@@ -1,112 +1,165 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
 #include "dvi/output_forcing.hpp"
+#include "hybrid/contact_forces.hpp"
 #include "sweepvi/linear_system.hpp"
 #include "sweepvi/relative_degree.hpp"
 
 namespace sweepvi {
 
+/// Outputs of a state, and what they are known to: z = Z x + g(t), w = C x + D lambda + w0.
+struct Outputs {
+  std::vector<double> z;      ///< like the rows of Z, exactly at its wall what stands there
+  std::vector<double> noise;  ///< below this an output is zero up to rounding
+  std::vector<double> terms;  ///< |Z| |x| + |g|
+};
+
+/// Where a constraint stands at the begin of a series.
+enum class Stand : char {
+  away,     ///< from its walls
+  out,      ///< beyond one, or on its way there: the state has to jump
+  leaving,  ///< at a wall and on its way from there
+  touching  ///< at a wall with all outputs 0; always with relative degree 0
+};
+
 /// The motion of a linear system between events, as a Taylor series
 ///
 ///     x(t + tau) = sum_k X_k tau^k,   (k+1) X_{k+1} = A X_k + B Lambda_k + f^(k)(t)/k!,
-///     on constraints in contact M Lambda_k = -a_k,   a = z_r' where lambda = 0,   elsewhere Lambda_k = 0,
+///     on constraints in contact M Lambda_k = -a_k,   a = w^(r) where lambda = 0,   elsewhere Lambda_k = 0,
 ///
-/// from which outputs and multipliers follow as polynomials, too: events are their roots. Exponentials of A
-/// truncated where they have converged, but for forcing and contact, too, and with dense output.
+/// from which w = C X_k and multipliers follow as polynomials, too: events are their roots. Terms are summed
+/// until what is left out is below rounding of the largest one, for each component, each w and each
+/// multiplier by itself; the length of a series is such that `most_terms` do. z is always computed from x.
 ///
-/// Which constraints that touch (all outputs 0) stay in contact is the solution of
-/// 0 <= a_0 + M Lambda_0 _|_ Lambda_0 >= 0; where both vanish, of the same for the next derivative, and so on
-/// (mirrored at upper walls). What no derivative decides stays in contact.
+/// What touches solves 0 <= a_0 + M Lambda_0 _|_ Lambda_0 >= 0; where both vanish the same for the next
+/// derivative, and so on (mirrored at upper walls). What no derivative decides stays in contact. With
+/// relative degree 0 w itself is a + M Lambda, contact is lambda > 0 (< 0 at an upper wall), and an event is
+/// a change from lambda to w or back.
 ///
 /// All methods are collective.
 class SmoothFlow {
 public:
-  /// All must outlive the flow. @pre degrees >= 1
+  /// All must outlive the flow.
   /// @param offset  w = C x + w0 + offset(t), where all degrees are equal; may be null
-  SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset);
+  /// @param most_terms  of a series; about 28, and terms hardly grow before they fall over its length
+  SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset, int most_terms);
 
-  /// Begins a series at t. @return false if it could not be found which constraints stay in contact.
-  /// @param continues  the state is where the last series led, without an event: contact is as it was
-  bool start(double t, Vec x, const std::vector<double>& z, bool continues);
+  /// Finds where the constraints stand. @param known  outputs that are at their wall (z_1) or 0, whatever x
+  /// says
+  /// @return whether some constraint is `out`
+  bool place(double t, Vec x, const std::vector<char>& known);
+  /// Moves x to where outputs that stand at walls, or are 0 there, are exactly so.
+  void pull_in(Vec x);
+  /// Who of those that touch stays in contact; the series begins at x. @param guess  who does, probably
+  /// @return false if it could not be found
+  bool choose(Vec x, const std::vector<Side>& guess);
+  /// As `choose` left it for the same t and x, from what `visit` kept.
+  void begin_again(double t, Vec x);
 
-  /// Takes terms until they have converged over `length`, or over as much of it as there are terms for: those
-  /// of x, and those of multipliers and bounds, which may move while x does not.
-  /// @param rate  error that is allowed in a second, relative to the size of x [1/s]
-  /// @return the length over which the series holds; none if it could not be found
+  /// Takes terms until they have converged over `length`, or over as much of it as `most_terms` do.
+  /// @param rate  what may be left out in a second, of the largest term [1/s]; not less than rounding
+  /// @return the length over which the series holds; none if it is not finite, or multipliers were not found
   std::optional<double> expand(double length, double rate);
 
-  /// The first tau <= length at which a free constraint meets a wall or one in contact lets go; remembers
-  /// which.
+  /// The first tau <= length at which a free constraint meets a wall or one in contact lets go.
   std::optional<double> first_event(double length);
+  /// Outputs that are at their wall at the event found last.
+  const std::vector<char>& meeting() const { return meeting_; }
 
-  /// x and z at tau; outputs in contact are 0, those that meet their wall at tau exactly on it. mu: integral
-  /// of lambda up to tau.
-  void evaluate(double tau, bool at_event, Vec x, std::vector<double>& z, std::vector<double>& mu);
+  void state(double tau, Vec x) const;
+  /// The state at tau, where the next series will begin.
+  void traverse(double tau, Vec x);
+  /// Of each component, the largest term on the way there, and what its derivative was a sum of: rounding is
+  /// relative to that.
+  const std::vector<double>& traversed() const { return traversed_; }
+  /// At time t + tau in the state x(tau).
+  Outputs outputs(double tau, Vec x);
+  std::vector<double> w(double tau, const Outputs& outputs) const;
+  /// Adds the integrals of the multipliers from `from` to `to`.
+  void add_measures(double from, double to, std::vector<double>& mu) const;
+  /// Largest distance of a constraint from the wall it has left, over [0, tau].
+  double excursion(std::size_t a, double tau) const;
 
-  /// Moves x, at time t, to where the outputs of these contacts are 0.
-  void put_in_contact(const std::vector<Side>& contact, double t, Vec x);
+  /// 0 <= z_1 + M y _|_ y >= 0 (mirrored at upper walls) on all constraints with outputs; moves x by y along
+  /// level 1. For processes whose jumps leave positions as they are.
+  bool push_out(double t, Vec x, std::vector<double>& pushes);
 
   const std::vector<Side>& contact() const { return contact_; }
-  /// Whether a free constraint was at a wall when the series began.
-  bool leaves(std::size_t a) const { return leading_[a] > 0; }
+  const std::vector<Stand>& stand() const { return stand_; }
+  const Outputs& begin() const { return at_begin_; }
+  Side wall(std::size_t a) const { return wall_[a]; }
   int terms() const { return known_; }
-  double size() const { return norms_[0]; }             ///< |x|
-  double curvature() const { return 2.0 * norms_[2]; }  ///< |x''|
-
-private:
-  bool next();
-  bool has_converged(double length, double rate) const;
-  double negligible(const std::vector<double>& terms, double length, double rate) const;
-  double convergent_length(const std::vector<double>& terms, std::size_t k, double length, double rate) const;
-  void find_acceleration(int k);
-  void find_terms(int k);
-  bool decide(int k);
-  bool solve_contact_problem();
-  Matrix masked_markov(bool with_tied) const;
-  bool find_multipliers();
-  void project(Vec x, double t, bool at_event);
-  void add_offset(double t);
   std::size_t constraints() const { return contact_.size(); }
   int levels(std::size_t a) const { return degree_.degree[a]; }
   std::size_t at(std::size_t a, int level) const {
     return static_cast<std::size_t>(degree_.first_level[a]) + static_cast<std::size_t>(level - 1);
   }
-  Side wall_of(std::size_t a) const { return z_[at(a, 1)] == upper_[a] ? Side::upper : Side::lower; }
-  std::vector<double> guard(std::size_t a, Side wall) const;
+  double upper(std::size_t a) const { return upper_[a]; }
+
+  /// Shows what a series is begun again from: numbers of each state, of each constraint.
+  using Show = std::function<void(const char* name, std::vector<double>& numbers)>;
+  void visit(const Show& states, const Show& constraints);
+
+private:
+  bool next();
+  void find_rate(int k);
+  void find_acceleration(int k);
+  bool decide(int k);
+  bool find_multipliers(int k);
+  bool refine_rate(int k);
+  void reset_terms(Vec x);
+  void count_term(int k);
+  void find_coupling();
+  double left_out(double length) const;
+  double longest(double length) const;
+  bool forcing_negligible(double length, int k) const;
+  void find_outputs(double t, Vec x, Outputs& to);
+  std::vector<double> distance(std::size_t a, Side wall) const;
   std::optional<double> event_of(std::size_t a, double length) const;
 
+  int most_terms_;
   const LinearSystem& system_;
   const RelativeDegree& degree_;
   const Forcing* offset_;
   OutputForcing forcing_;
-  Matrix last_rows_;  // rows (a, r_a) of Z: m x n
-  Matrix abs_A_, abs_last_;
-  Matrix contact_matrix_;     // M of those in contact, where it is coupled
-  bool coupled_ = false;      // M is not diagonal
-  bool any_contact_ = false;  // on some rank, or some constraint may be
-  bool undecided_ = false;    // on some rank
-  LinearSolver contact_solver_;
-  std::vector<Side> factored_;
+  ContactForces forces_;
+  Matrix last_rows_;    // rows (a, r_a) of Z, none where r_a = 0: m x n
+  Matrix direct_rows_;  // rows of C where r_a = 0; empty: there are none
+  Matrix abs_A_, abs_B_, abs_Z_, abs_last_, abs_direct_;
   std::vector<double> upper_;  // walls
+  double fastest_ = 0.0;       // of the signals in f and offset [rad/s]
 
   double t_ = 0.0;
-  std::vector<Vector> X_;                    // X_[k]
-  std::vector<std::vector<double>> w_;       // [k][constraint]
-  std::vector<std::vector<double>> lambda_;  // [k][constraint]
-  std::vector<double> norms_;                // |X_k|
-  std::vector<double> pushes_;               // |B Lambda_{k-1}|/k: what contacts have in X_k
-  std::vector<double> shifts_;               // |offset^(k)|/k!: what moving bounds have in w_k
-  int known_ = 0;                            // terms of X
-  std::vector<double> z_;                    // at t
+  std::vector<Stand> stand_;
+  std::vector<Side> wall_;
+  std::vector<int>
+      leading_;  // coefficients of w that are exactly 0 (up to the wall); outputs, before `choose`
+  std::vector<int> pull_leading_;  // of the multiplier
   std::vector<Side> contact_;
-  std::vector<char> tied_;       // touching, and no derivative has decided yet
-  std::vector<double> leaving_;  // a + M Lambda
-  std::vector<int> leading_;     // coefficients of w that are exactly 0 (up to the wall)
-  std::vector<char> meets_;      // of the last event
-  Vector rate_, a_, lambda_now_, terms_, outputs_, g_, work_, w_now_;
+  std::vector<char> weightless_;  // in contact, and no derivative decided
+  Outputs at_begin_;
+
+  bool any_touching_ = false, any_at_wall_ = false, any_contact_ = false,
+       any_direct_ = false;  // on some rank
+  bool deciding_ = false;
+  std::vector<char> tied_;
+  std::vector<Side> guess_;
+  std::vector<double> least_;                // of multipliers: below it they are 0
+  std::vector<Vector> X_;                    // X_[k]
+  std::vector<std::vector<double>> w_;       // [k][constraint]; r = 0: one less
+  std::vector<std::vector<double>> lambda_;  // [k][constraint]
+  int known_ = 0;                            // terms of X
+  std::vector<double> a_, lambda_now_, rest_, small_;
+  std::vector<double> scale_, w_scale_, lambda_scale_;
+  std::vector<double> traversed_;
+  double length_ = 0.0, rate_of_error_ = 0.0;
+  int quiet_ = 0;
+  std::vector<char> meeting_;
+  Vector rate_, bound_, bound_next_, work_, outputs_, g_, w_now_, w_terms_;
 };
 
 }  // namespace sweepvi

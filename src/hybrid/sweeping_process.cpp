@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <string>
 #include <utility>
 
 #include "dvi/level_state.hpp"
@@ -105,7 +106,7 @@ public:
         degree_(analyse_relative_degree(system_)),
         offset_(duplicate(system_.w0.get())) {
     if (!box_) return;
-    // A component is never at both of its bounds (`admits`): they share no multiplier.
+    // A component is never at both of its bounds (`against`): they share no multiplier.
     RowBuilder identity;
     const LocalRange range = row_range(degree_.markov.get());
     for (PetscInt row = range.first; row < range.last; ++row) {
@@ -120,12 +121,32 @@ public:
   const RelativeDegree& degree() const override { return degree_; }
   const Forcing* offset() const override { return &rows_.offset; }
 
-  bool admits(const std::vector<Side>& contact) const override {
-    if (!box_) return true;
+  // A component is never at both of its bounds: M takes them for two constraints that share no multiplier.
+  std::string against(const std::vector<Side>& contact) override {
+    PetscInt worst = -1;
     std::vector<char> taken(dvi_.w().size(), 0);
-    for (std::size_t a = 0; a < contact.size(); ++a)
-      if (contact[a] != Side::none && std::exchange(taken[component(a)], 1) != 0) return false;
-    return true;
+    for (std::size_t a = 0; a < contact.size() && box_; ++a)
+      if (contact[a] != Side::none && std::exchange(taken[component(a)], 1) != 0)
+        worst = std::max(worst, system_.constraint_order[a]);
+    MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPIU_INT, MPI_MAX, dvi_.comm());
+    return worst < 0
+               ? ""
+               : "the bounds of component " + std::to_string(worst) +
+                     " meet, and the set is a point or empty from then on: the scheme catching-up takes that";
+  }
+
+  // A box is known by its components: a number for each of the two bounds.
+  void show_constraints(StateVisitor& visitor, const char* name, std::vector<double>& numbers) override {
+    if (!box_) return HybridProcess::show_constraints(visitor, name, numbers);
+    std::vector<double> both(2 * dvi_.w().size(), 0.0);
+    const auto place = [&](std::size_t a) {
+      return 2 * component(a) + (rows_.side[a] == Side::upper ? 1 : 0);
+    };
+    for (std::size_t a = 0; a < numbers.size(); ++a)
+      both[place(a)] = numbers[a];
+    visitor.visit(name, Belongs::constraint, both, 2);
+    for (std::size_t a = 0; a < numbers.size(); ++a)
+      numbers[a] = both[place(a)];
   }
 
   void read(double t, Vec x, std::vector<double>& z) override {
@@ -140,8 +161,8 @@ public:
       z[a] = contact[a] != Side::none ? 0.0 : values[static_cast<PetscInt>(a)];
   }
 
-  void write(Vec x, const std::vector<double>& z, const std::vector<Side>& contact,
-             const std::vector<double>& mu) override {
+  void write(Vec x, const std::vector<double>& z, const std::vector<double>&,
+             const std::vector<Side>& contact, const std::vector<double>& mu) override {
     const auto zero = [](std::span<double> values) { std::fill(values.begin(), values.end(), 0.0); };
     const auto sides = [&](std::span<double> values) {
       std::fill(values.begin(), values.end(), 0.0);
@@ -184,6 +205,16 @@ public:
                                }}});
     dvi_.visit(take);
     return contact;
+  }
+
+  // From outside of the set; the state does not jump otherwise.
+  StepReport reset(StepSolver& solver, const Step& step, std::vector<char>& met) override {
+    const StepReport report = jump_of(dvi_, solver, step);
+    for (const StepEvent& event : dvi_.events())
+      for (std::size_t a = 0; a < met.size() && event.impact; ++a)
+        if (static_cast<PetscInt>(component(a)) == event.constraint && (!box_ || rows_.side[a] == event.side))
+          met[a] = 1;
+    return report;
   }
 
   void tell(std::vector<StepEvent> events) override {

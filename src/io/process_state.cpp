@@ -90,19 +90,19 @@ private:
 
 }  // namespace
 
-void save_state(MPI_Comm comm, Dvi& process, const StateOrder& order, const std::string& form,
+void save_state(MPI_Comm comm, const ShowState& show, const StateOrder& order, const std::string& form,
                 CheckpointData& data) {
   data.facts["form"] = form;
   Save save(comm, order, data);
-  process.visit(save);
+  show(save);
 }
 
-void restore_state(MPI_Comm comm, Dvi& process, const StateOrder& order, const std::string& form,
+void restore_state(MPI_Comm comm, const ShowState& show, const StateOrder& order, const std::string& form,
                    const CheckpointData& data) {
   int other = data.facts.value("form", form) == form ? 0 : 1;
   MPI_Bcast(&other, 1, MPI_INT, 0, comm);
   Restore restore(comm, order, data, other != 0);
-  process.visit(restore);
+  show(restore);
 }
 
 }  // namespace sweepvi

@@ -50,7 +50,7 @@ std::vector<Recorder::Column> Recorder::make_columns(MPI_Comm comm, std::vector<
   return columns;
 }
 
-std::vector<FieldSpec> Recorder::fields(MPI_Comm comm, const std::vector<Column>& columns) {
+std::vector<FieldSpec> Recorder::fields(MPI_Comm comm, const std::vector<Column>& columns, bool error) {
   const auto real = FieldSpec::Type::real;
   const auto integer = FieldSpec::Type::integer;
   std::vector<FieldSpec> specs = {
@@ -68,6 +68,9 @@ std::vector<FieldSpec> Recorder::fields(MPI_Comm comm, const std::vector<Column>
       rungs_field(comm)};
   for (const Column& column : columns)
     specs.push_back(column.field());
+  if (error)
+    specs.push_back(
+        {"/solver/error", real, {}, 0, 0, "1", "estimate of the largest error of a component of x"});
   return specs;
 }
 
@@ -79,7 +82,7 @@ Recorder::Recorder(const std::string& path, bool overwrite, const TimeSpec& time
       every_(every),
       last_step_(time.steps),
       columns_(make_columns(comm_, std::move(recording_.quantities))),
-      file_(comm_, path, fields(comm_, columns_),
+      file_(comm_, path, fields(comm_, columns_, static_cast<bool>(recording_.error)),
             {.expected_rows = static_cast<hsize_t>(time.steps / every + 2),
              .overwrite = overwrite,
              .events = static_cast<bool>(recording_.events),
@@ -223,6 +226,7 @@ Recorder::Row Recorder::make_row(double t) {
     collect(column);
     row.slices.push_back(column.slice);
   }
+  if (recording_.error) row.error = recording_.error();
   row.in_contact = dvi_.active();
   MPI_Allreduce(MPI_IN_PLACE, &row.in_contact, 1, MPI_INT64_T, MPI_SUM, comm_);
   row.iterations = std::exchange(iterations_, 0.0);
@@ -252,6 +256,7 @@ void Recorder::write(const Row& row) {
   file_.integer(Field::active)[0] = static_cast<std::int32_t>(row.in_contact);
   for (std::size_t k = 0; k < file_.slice_size(Field::rungs); ++k)
     file_.integer(Field::rungs)[k] = static_cast<std::int32_t>(row.rungs[k]);
+  if (recording_.error) file_.real(Field::first_quantity + columns_.size())[0] = row.error;
   file_.commit_row();
 }
 

@@ -72,7 +72,7 @@ private:
   struct Row {
     double t = 0.0;
     std::vector<std::vector<double>> slices;
-    double iterations = 0.0, seconds = 0.0, residual = 0.0;
+    double iterations = 0.0, seconds = 0.0, residual = 0.0, error = 0.0;
     std::int64_t in_contact = 0;
     StepSolver::Rungs rungs{};
   };
@@ -89,7 +89,7 @@ private:
   void load(const CheckpointData& data);
   UnderWay& under_way();
   static std::vector<Column> make_columns(MPI_Comm comm, std::vector<Quantity> quantities);
-  static std::vector<FieldSpec> fields(MPI_Comm comm, const std::vector<Column>& columns);
+  static std::vector<FieldSpec> fields(MPI_Comm comm, const std::vector<Column>& columns, bool error);
   Row make_row(double t);
   void collect(Column& column);
   void write(const Row& row);

@@ -35,6 +35,8 @@ struct Recording {
   /// tell of. @note Not collective.
   std::function<std::vector<Event>(double t)> events = {};
   std::string impulse_units = "1";
+  /// Estimate of the error of x now, see hybrid.hpp; empty: there is none.
+  std::function<double()> error = {};
   std::optional<std::vector<std::int64_t>> elements = {};  ///< numbers of the columns, if only some are kept
 };
 

@@ -1,0 +1,397 @@
+#include "hybrid/contact_forces.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "dvi/affine_vi.hpp"
+#include "petsc/direct_solver.hpp"
+#include "petsc/sparse.hpp"
+#include "sweepvi/step_solver.hpp"
+
+namespace sweepvi {
+
+namespace {
+
+constexpr std::size_t dense_limit = 64;  // constraints
+constexpr std::size_t most_factors = 6;  // kept
+constexpr int most_guesses = 20;         // active sets tried from a start
+constexpr double dependent = 1e-13;      // a pivot below this, relative to the largest entry, is none
+
+bool anywhere(MPI_Comm comm, bool here) {
+  int found = here ? 1 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &found, 1, MPI_INT, MPI_LOR, comm);
+  return found != 0;
+}
+
+void put(const std::vector<double>& values, Vec to) {
+  const WriteArray array(to);
+  std::copy(values.begin(), values.end(), array.data());
+}
+
+void get(Vec from, std::vector<double>& values) {
+  const ReadArray array(from);
+  values.assign(array.data(), array.data() + array.size());
+}
+
+// All entries, on every rank.
+std::vector<double> everywhere(Vec vector) {
+  Scatter scatter;
+  Vector all;
+  check(VecScatterCreateToAll(vector, scatter.put(), all.put()));
+  check(VecScatterBegin(scatter.get(), vector, all.get(), INSERT_VALUES, SCATTER_FORWARD));
+  check(VecScatterEnd(scatter.get(), vector, all.get(), INSERT_VALUES, SCATTER_FORWARD));
+  std::vector<double> values;
+  get(all.get(), values);
+  return values;
+}
+
+}  // namespace
+
+ContactForces::ContactForces(const LinearSystem& system, const RelativeDegree& degree)
+    : comm_(system.comm()),
+      degree_(degree),
+      abs_markov_(absolute_copy(degree.markov.get())),
+      in_(duplicate(system.w0.get())),
+      out_(duplicate(system.w0.get())) {
+  upper_.assign(degree.degree.size(), PETSC_INFINITY);
+  if (system.wmax) get(system.wmax.get(), upper_);
+  bool coupled = false, zero = false;
+  const PetscInt first = row_range(degree.markov.get()).first;
+  for_each_row(degree.markov.get(), [&](PetscInt row, auto columns, auto values) {
+    double diagonal = 0.0;
+    for (std::size_t k = 0; k < columns.size(); ++k) {
+      if (columns[k] == row) diagonal = values[k];
+      coupled = coupled || (columns[k] != row && values[k] != 0.0);
+    }
+    zero = zero || diagonal == 0.0;
+  });
+  zero_diagonal_ = anywhere(comm_, zero);
+  coupled_ = anywhere(comm_, coupled) || zero_diagonal_;
+  if (!coupled_) return;
+  int ranks = 1;
+  MPI_Comm_size(comm_, &ranks);
+  const std::size_t count = degree.degree.size();
+  dense_ = ranks == 1 && count <= dense_limit;
+  if (dense_) {
+    dense_matrix_.assign(count, std::vector<double>(count, 0.0));
+    for_each_row(degree.markov.get(), [&](PetscInt row, auto columns, auto values) {
+      for (std::size_t k = 0; k < columns.size(); ++k)
+        dense_matrix_[static_cast<std::size_t>(row - first)][static_cast<std::size_t>(columns[k])] =
+            values[k];
+    });
+  }
+  Matrix squares;
+  RowBuilder rows;
+  for_each_row(degree.markov.get(), [&](PetscInt, auto columns, auto values) {
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      rows.add(columns[k], values[k] * values[k]);
+    rows.end_row();
+  });
+  squares = rows.finish(comm_, column_range(degree.markov.get()).size());
+  check(VecSet(in_.get(), 1.0));
+  check(MatMultTranspose(squares.get(), in_.get(), out_.get()));
+  get(out_.get(), squares_);
+}
+
+std::vector<double> ContactForces::negligible(const std::vector<double>& small) {
+  std::vector<double> result(small.size());
+  if (!coupled_) {
+    for (std::size_t a = 0; a < result.size(); ++a)
+      result[a] = small[a] / degree_.markov_diagonal[a];
+    return result;
+  }
+  put(small, in_.get());
+  check(MatMultTranspose(abs_markov_.get(), in_.get(), out_.get()));
+  get(out_.get(), result);
+  for (std::size_t a = 0; a < result.size(); ++a)
+    result[a] = squares_[a] > 0.0 ? result[a] / squares_[a] : 0.0;
+  return result;
+}
+
+void ContactForces::find_rest(const std::vector<double>& a, const std::vector<double>& lambda,
+                              std::vector<double>& rest) {
+  rest.resize(a.size());
+  if (!coupled_) {
+    for (std::size_t b = 0; b < a.size(); ++b)
+      rest[b] = a[b] + degree_.markov_diagonal[b] * lambda[b];
+    return;
+  }
+  put(lambda, in_.get());
+  check(MatMult(degree_.markov.get(), in_.get(), out_.get()));
+  get(out_.get(), rest);
+  for (std::size_t b = 0; b < a.size(); ++b)
+    rest[b] += a[b];
+}
+
+// Rows outside of the set are the identity's.
+Matrix ContactForces::masked(const std::vector<char>& set) const {
+  const LocalRange range = row_range(degree_.markov.get());
+  const Vector members = duplicate(in_.get());
+  {
+    const WriteArray values(members.get());
+    for (std::size_t a = 0; a < set.size(); ++a)
+      values[static_cast<PetscInt>(a)] = set[a] != 0 ? 1.0 : 0.0;
+  }
+  Matrix columns;  // only columns of the set
+  check(MatDuplicate(degree_.markov.get(), MAT_COPY_VALUES, columns.put()));
+  check(MatDiagonalScale(columns.get(), nullptr, members.get()));
+  RowBuilder rows;
+  for (std::size_t a = 0; a < set.size(); ++a) {
+    const PetscInt row = range.first + static_cast<PetscInt>(a);
+    if (set[a] != 0)
+      for (const auto& [column, value] : get_row(columns.get(), row)) {
+        if (value != 0.0 || column == row) rows.add(column, value);
+      }
+    else
+      rows.add(row, 1.0);
+    rows.end_row();
+  }
+  return rows.finish(comm_, range.size());
+}
+
+// Gaussian elimination with complete pivoting: lu holds the reduced matrix, row by row of the whole.
+bool ContactForces::factor_dense(Factor& factor) const {
+  std::vector<std::size_t> rows, columns;
+  for (std::size_t a = 0; a < factor.set.size(); ++a)
+    if (factor.set[a] != 0) rows.push_back(a);
+  columns = rows;
+  const std::size_t size = rows.size();
+  std::vector<double>& lu = factor.lu;
+  lu.resize(size * size);
+  double largest = 0.0;
+  for (std::size_t i = 0; i < size; ++i)
+    for (std::size_t j = 0; j < size; ++j) {
+      lu[i * size + j] = dense_matrix_[rows[i]][columns[j]];
+      largest = std::max(largest, std::abs(lu[i * size + j]));
+    }
+  std::size_t rank = 0;
+  for (; rank < size; ++rank) {
+    std::size_t p = rank, q = rank;
+    for (std::size_t i = rank; i < size; ++i)
+      for (std::size_t j = rank; j < size; ++j)
+        if (std::abs(lu[i * size + j]) > std::abs(lu[p * size + q])) {
+          p = i;
+          q = j;
+        }
+    if (!(std::abs(lu[p * size + q]) > dependent * largest)) break;
+    std::swap(rows[rank], rows[p]);
+    std::swap(columns[rank], columns[q]);
+    for (std::size_t j = 0; j < size && p != rank; ++j)
+      std::swap(lu[rank * size + j], lu[p * size + j]);
+    for (std::size_t i = 0; i < size && q != rank; ++i)
+      std::swap(lu[i * size + rank], lu[i * size + q]);
+    for (std::size_t i = rank + 1; i < size; ++i) {
+      const double multiple = lu[i * size + rank] /= lu[rank * size + rank];
+      for (std::size_t j = rank + 1; j < size && multiple != 0.0; ++j)
+        lu[i * size + j] -= multiple * lu[rank * size + j];
+    }
+  }
+  factor.row = rows;
+  factor.column = columns;
+  factor.column.resize(rank);
+  return true;
+}
+
+void ContactForces::solve_dense(const Factor& factor, std::vector<double>& values) const {
+  const std::size_t size = factor.row.size(), rank = factor.column.size();
+  std::vector<double> y(rank);
+  for (std::size_t i = 0; i < rank; ++i) {
+    y[i] = values[factor.row[i]];
+    for (std::size_t j = 0; j < i; ++j)
+      y[i] -= factor.lu[i * size + j] * y[j];
+  }
+  for (std::size_t i = rank; i-- > 0;) {
+    for (std::size_t j = i + 1; j < rank; ++j)
+      y[i] -= factor.lu[i * size + j] * y[j];
+    y[i] /= factor.lu[i * size + i];
+  }
+  std::fill(values.begin(), values.end(), 0.0);
+  for (std::size_t i = 0; i < rank; ++i)
+    values[factor.column[i]] = y[i];
+}
+
+ContactForces::Factor* ContactForces::factor(const std::vector<char>& set) {
+  for (Factor& known : factors_)
+    if (!anywhere(comm_, known.set != set)) return &known;
+  if (factors_.size() < most_factors) {
+    factors_.emplace_back();
+    next_ = factors_.size() - 1;
+  } else {
+    next_ = (next_ + 1) % most_factors;
+  }
+  Factor& fresh = factors_[next_];
+  fresh = Factor{};
+  fresh.set = set;
+  if (dense_) return factor_dense(fresh) ? &fresh : nullptr;
+  fresh.matrix = masked(set);
+  check(KSPCreate(comm_, fresh.solver.put()));
+  check(KSPSetOptionsPrefix(fresh.solver.get(), "sweepvi_contact_"));
+  default_to_mumps(fresh.solver.get());
+  // Many solves with small matrices, whose principal minors do not vanish: MUMPS is ten times slower.
+  PC pc = nullptr;
+  int ranks = 1;
+  MPI_Comm_size(comm_, &ranks);
+  check(KSPGetPC(fresh.solver.get(), &pc));
+  if (ranks == 1 && !zero_diagonal_) check(PCFactorSetMatSolverType(pc, MATSOLVERPETSC));
+  check_options(KSPSetFromOptions(fresh.solver.get()));
+  check(KSPSetOperators(fresh.solver.get(), fresh.matrix.get(), fresh.matrix.get()));
+  return &fresh;
+}
+
+bool ContactForces::solve(const std::vector<char>& set, std::vector<double>& values) {
+  if (!coupled_) {
+    for (std::size_t a = 0; a < values.size(); ++a)
+      values[a] = set[a] != 0 ? values[a] / degree_.markov_diagonal[a] : 0.0;
+    return true;
+  }
+  Factor* with = factor(set);
+  if (dense_) {
+    solve_dense(*with, values);
+    return true;
+  }
+  for (std::size_t a = 0; a < values.size(); ++a)
+    if (set[a] == 0) values[a] = 0.0;
+  put(values, in_.get());
+  if (!sweepvi::solve(with->solver.get(), with->matrix.get(), in_.get(), out_.get())) {
+    with->set.assign(set.size(), 2);  // of no set
+    return false;
+  }
+  get(out_.get(), values);
+  return true;
+}
+
+// Whether forces on `sides`, and on who holds, and nobody else are a solution; if not, `sides` is the next
+// guess.
+bool ContactForces::fits(const Problem& problem, std::vector<Side>& sides, std::vector<double>& lambda,
+                         std::vector<double>& rest) {
+  const std::size_t count = sides.size();
+  std::vector<char> set(count, 0);
+  std::vector<double> wall(count, 0.0);
+  lambda.assign(count, 0.0);
+  for (std::size_t b = 0; b < count; ++b) {
+    const Role role = problem.roles[b];
+    if (role == Role::off) sides[b] = Side::none;
+    if (role == Role::lower && sides[b] != Side::none) sides[b] = Side::lower;
+    if (role == Role::upper && sides[b] != Side::none) sides[b] = Side::upper;
+    set[b] = role == Role::holds || sides[b] != Side::none ? 1 : 0;
+    if (role == Role::between && sides[b] == Side::upper) wall[b] = upper_[b];
+    if (set[b] != 0) lambda[b] = wall[b] - problem.a[b];
+  }
+  if (!solve(set, lambda)) return false;
+  find_rest(problem.a, lambda, rest);
+  bool wrong = false;
+  for (std::size_t b = 0; b < count; ++b) {
+    const Role role = problem.roles[b];
+    if (role == Role::off) continue;
+    if (set[b] != 0) {  // a row that depends on others may not be solved
+      wrong = wrong ||
+              !(std::abs(rest[b] - wall[b]) <= 1e-6 * (std::abs(problem.a[b]) + problem.small[b] * 1e12));
+      if (role == Role::holds || static_cast<double>(sides[b]) * lambda[b] >= -problem.least[b]) continue;
+      sides[b] = Side::none;
+      wrong = true;
+    } else if (role != Role::upper && rest[b] < -problem.small[b]) {
+      sides[b] = Side::lower;
+      wrong = true;
+    } else if (role == Role::upper ? rest[b] > problem.small[b]
+                                   : role == Role::between && rest[b] > upper_[b] + problem.small[b]) {
+      sides[b] = Side::upper;
+      wrong = true;
+    }
+  }
+  return !anywhere(comm_, wrong);
+}
+
+bool ContactForces::complement(double t, const std::vector<Role>& roles, const std::vector<double>& a,
+                               const std::vector<double>& small, const std::vector<Side>& guess,
+                               std::vector<double>& lambda, std::vector<double>& rest) {
+  const Problem problem{roles, a, small, negligible(small)};
+  std::vector<Side> nobody(a.size(), Side::none);
+  for (const std::vector<Side>* start : {&guess, &std::as_const(nobody)}) {
+    std::vector<Side> sides = *start;
+    for (int k = 0; k < (coupled_ ? most_guesses : 2); ++k)
+      if (fits(problem, sides, lambda, rest)) return true;
+  }
+  if (!solve_vi(t, problem, lambda)) return false;
+  find_rest(a, lambda, rest);
+  return true;
+}
+
+// Upper walls have multipliers of their own: lambda = lambda_0 - lambda_wmax.
+bool ContactForces::solve_vi(double t, const Problem& problem, std::vector<double>& lambda) {
+  const std::size_t count = problem.a.size();
+  const LocalRange range = row_range(degree_.markov.get());
+  std::vector<char> part(count);
+  std::vector<std::size_t> walls;
+  for (std::size_t b = 0; b < count; ++b) {
+    part[b] = problem.roles[b] != Role::off ? 1 : 0;
+    if (problem.roles[b] == Role::between && upper_[b] < PETSC_INFINITY) walls.push_back(b);
+  }
+  const Matrix M = masked(part);
+  // Local unknowns: those of all constraints, then those of upper walls. Where each column goes:
+  const auto local = static_cast<PetscInt>(count + walls.size());
+  PetscInt end = 0;
+  MPI_Scan(&local, &end, 1, MPIU_INT, MPI_SUM, comm_);
+  const PetscInt first = end - local;
+  const Vector places = duplicate(in_.get()), wall_places = duplicate(in_.get());
+  {
+    const WriteArray place(places.get());
+    const WriteArray wall_place(wall_places.get());
+    for (std::size_t b = 0; b < count; ++b) {
+      place[static_cast<PetscInt>(b)] = static_cast<double>(first + static_cast<PetscInt>(b));
+      wall_place[static_cast<PetscInt>(b)] = -1.0;
+    }
+    for (std::size_t k = 0; k < walls.size(); ++k)
+      wall_place[static_cast<PetscInt>(walls[k])] =
+          static_cast<double>(first + static_cast<PetscInt>(count + k));
+  }
+  const std::vector<double> all_places = everywhere(places.get()), all_walls = everywhere(wall_places.get());
+  RowBuilder rows;
+  const auto add_row = [&](std::size_t b, double s) {
+    for (const auto& [column, value] : get_row(M.get(), range.first + static_cast<PetscInt>(b))) {
+      const auto c = static_cast<std::size_t>(column);
+      rows.add(static_cast<PetscInt>(all_places[c]), s * value);
+      if (all_walls[c] >= 0.0) rows.add(static_cast<PetscInt>(all_walls[c]), -s * value);
+    }
+    rows.end_row();
+  };
+  for (std::size_t b = 0; b < count; ++b)
+    add_row(b, 1.0);
+  for (const std::size_t b : walls)
+    add_row(b, -1.0);
+  Vector lower = make_vector(comm_, local), upper = duplicate(lower.get()), q = duplicate(lower.get()),
+         start = duplicate(lower.get());
+  check(VecSet(start.get(), 0.0));
+  check(VecSet(lower.get(), PETSC_NINFINITY));
+  check(VecSet(upper.get(), PETSC_INFINITY));
+  {
+    const WriteArray l(lower.get());
+    const WriteArray u(upper.get());
+    const WriteArray right(q.get());
+    for (std::size_t b = 0; b < count; ++b) {
+      const auto i = static_cast<PetscInt>(b);
+      const Role role = problem.roles[b];
+      if (role == Role::lower || role == Role::between) l[i] = 0.0;
+      if (role == Role::upper) u[i] = 0.0;
+      right[i] = part[b] != 0 ? problem.a[b] : 0.0;
+    }
+    for (std::size_t k = 0; k < walls.size(); ++k) {
+      const auto i = static_cast<PetscInt>(count + k);
+      l[i] = 0.0;
+      right[i] = upper_[walls[k]] - problem.a[walls[k]];
+    }
+  }
+  AffineVi vi(rows.finish(comm_, local), std::move(q), std::move(lower), std::move(upper), std::move(start));
+  NonlinearSolver snes;
+  check(SNESCreate(comm_, snes.put()));
+  StepSolver solver(snes.get(), vi);
+  const StepReport report = solver.solve(Step{1, t, t, 0.0});
+  if (!report.certified) return false;
+  const ReadArray solution(solver.solution());
+  lambda.assign(solution.data(), solution.data() + count);
+  for (std::size_t k = 0; k < walls.size(); ++k)
+    lambda[walls[k]] -= solution[static_cast<PetscInt>(count + k)];
+  return true;
+}
+
+}  // namespace sweepvi

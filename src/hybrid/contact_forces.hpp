@@ -1,0 +1,83 @@
+#pragma once
+
+#include <vector>
+
+#include "sweepvi/dvi.hpp"
+#include "sweepvi/linear_system.hpp"
+#include "sweepvi/petsc.hpp"
+#include "sweepvi/relative_degree.hpp"
+
+namespace sweepvi {
+
+/// What a constraint does in a problem for multipliers.
+enum class Role : signed char {
+  upper = -1,  ///< lambda <= 0 and rest <= 0, one of them 0
+  off = 0,     ///< lambda = 0, the rest is free
+  lower = 1,   ///< lambda >= 0 and rest >= 0, one of them 0
+  holds = 2,   ///< the rest is 0, lambda is free
+  between = 3  ///< 0 <= rest <= wmax, lambda >= 0 at 0, <= 0 at wmax, 0 between them
+};
+
+/// Problems in multipliers with the leading Markov matrix M: rest = a + M lambda.
+///
+/// Small ones on one rank are solved densely with complete pivoting, rows that depend on earlier ones get the
+/// multiplier 0; others by PETSc (prefix sweepvi_contact_). Complementary ones are tried by active sets, from
+/// who was in contact last and from nobody, and then go to a StepSolver, certified like any step. All methods
+/// are collective.
+class ContactForces {
+public:
+  ContactForces(const LinearSystem& system, const RelativeDegree& degree);
+
+  bool coupled() const { return coupled_; }  ///< M is not diagonal
+
+  /// M_SS y = right_S, y = 0 elsewhere. @param values in: right, out: y
+  /// @return false if M_SS could not be factored
+  bool solve(const std::vector<char>& set, std::vector<double>& values);
+
+  /// The mixed complementarity problem. @param small  what is zero in a row, up to rounding
+  /// @param guess  who may carry a force, at which wall
+  /// @return false if no solution was found
+  bool complement(double t, const std::vector<Role>& roles, const std::vector<double>& a,
+                  const std::vector<double>& small, const std::vector<Side>& guess,
+                  std::vector<double>& lambda, std::vector<double>& rest);
+
+  /// rest = a + M lambda.
+  void find_rest(const std::vector<double>& a, const std::vector<double>& lambda, std::vector<double>& rest);
+
+  /// Below this a multiplier is zero, where rows know what they are made of up to `small`.
+  std::vector<double> negligible(const std::vector<double>& small);
+
+private:
+  struct Factor {
+    std::vector<char> set;
+    Matrix matrix;
+    LinearSolver solver;
+    std::vector<double> lu;                // dense: factors, by steps of elimination
+    std::vector<std::size_t> row, column;  // dense: pivots
+  };
+  Factor* factor(const std::vector<char>& set);
+  bool factor_dense(Factor& factor) const;
+  void solve_dense(const Factor& factor, std::vector<double>& values) const;
+  Matrix masked(const std::vector<char>& set) const;
+  struct Problem {
+    const std::vector<Role>& roles;
+    const std::vector<double>&a, &small, least;
+  };
+  bool fits(const Problem& problem, std::vector<Side>& sides, std::vector<double>& lambda,
+            std::vector<double>& rest);
+  bool solve_vi(double t, const Problem& problem, std::vector<double>& lambda);
+
+  MPI_Comm comm_;
+  const RelativeDegree& degree_;
+  bool coupled_ = false, zero_diagonal_ = false;
+  bool dense_ = false;
+  std::vector<double> upper_;                      // walls
+  std::vector<std::vector<double>> dense_matrix_;  // where dense_
+  std::vector<Factor> factors_;                    // of the sets seen last
+  std::size_t next_ = 0;
+  Matrix abs_markov_;
+  std::vector<double> squares_;  // of each column of M
+  Vector in_, out_;
+};
+
+}  // namespace sweepvi
