@@ -2,6 +2,7 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@ class BlockSweeps;
 class RowSweeps;
 class PathPredictor;
 class Certificate;
+class DataTest;
 class JudgedPoint;
 class InteriorPoint;
 class OuterLinearisation;
@@ -20,8 +22,9 @@ class Predictor;
 
 /// When a step counts as solved.
 struct CertificateOptions {
-  double rtol = 1e-10;        ///< -sweepvi_certificate_rtol: worst natural residual over row terms [-], > 0
-  double target = 1e-14;      ///< -sweepvi_target_rtol: where the solver stops improving [-], > 0 and <= rtol
+  double rtol = 1e-10;    ///< -sweepvi_certificate_rtol: worst natural residual over row terms, and over row
+                          ///< data [-], > 0
+  double target = 1e-14;  ///< -sweepvi_target_rtol: where the solver stops improving [-], > 0 and <= rtol
   double stagnation = 1e-12;  ///< it also stops below this when a step no longer improves: what then is left
                               ///< of a held output still counts as held
 
@@ -71,9 +74,10 @@ enum class Rung : int {
 /// What came of a step.
 struct StepReport {
   bool certified = false;
-  double residual = 0.0;       ///< worst ratio of the point found, see StepSolver
-  PetscInt iterations = 0;     ///< Newton iterations, all attempts
-  bool predicted = false;      ///< SNES accepted the predictor's guess as it was
+  bool refined = false;     ///< by residuals summed in twofold precision, where those of doubles tell nothing
+  double residual = 0.0;    ///< worst ratio of the point found, see StepSolver
+  PetscInt iterations = 0;  ///< Newton iterations, all attempts
+  bool predicted = false;   ///< SNES accepted the predictor's guess as it was
   Rung rung = Rung::chosen;    ///< attempt that succeeded
   int attempts = 0;            ///< made in all
   PetscInt parts = 1;          ///< in which the step was taken; above 1 it is that of smaller steps
@@ -82,6 +86,12 @@ struct StepReport {
   std::string obstacle;   ///< why there is no solution, where that is proved (no attempt was made then), or
                           ///< why the process does not take the one found
   std::string diagnosis;  ///< what may be behind a step that no attempt could solve
+};
+
+/// How far the solution of a step may be off.
+struct ErrorEstimate {
+  Vector error;             ///< of each unknown, in its unit
+  double of_largest = 0.0;  ///< the largest of them, over the largest |u_i|
 };
 
 /// The box VI of a step in numbers: F(u) = M u + q, l <= u <= b.
@@ -94,17 +104,19 @@ struct StepProblem {
   bool affine = false;  ///< or the linearisation at u0
 };
 
-/// Solves the box VI of one step with SNESVI and certifies the result row by row:
+/// Solves the box VI of one step with SNESVI and certifies the result row by row, against the terms of the
+/// row and against its data:
 ///
-///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)      for
-///     all i
+///     |u - mid(l, b, u - F(u))|_i  <=  rtol * (sum of the absolute values of the terms of row i)
+///     |v - mid(l, b, v - F(v))|_i  <=  rtol * (size of the data of row i)                          for all i
 ///
-/// (src/vi/certificate.hpp has the small print). SNES stops when the certificate is met at `target`, or stops
-/// improving below 1e-12; its own tolerances do not enter. A predictor guesses the solution first
-/// (src/vi/predictor.hpp), unless the process solved the step itself; where the guess is right, SNES accepts
-/// it at iteration 0. Where an attempt fails the next one is made, in the order of Rung; pivoting for up to
-/// OuterLinearisation::largest unknowns. With -sweepvi_linearisation outer only pivoting from the guess. A
-/// certified point that the process does not take (Dvi::admissible) is a failed attempt.
+/// where v is u, or what iterative refinement with residuals in twofold precision makes of it
+/// (src/vi/certificate.hpp and src/vi/data_test.hpp have the small print). SNES stops when the certificate is
+/// met at `target`, or stops improving below 1e-12; its own tolerances do not enter. A predictor guesses the
+/// solution first (src/vi/predictor.hpp), unless the process solved the step itself; where the guess is
+/// right, SNES accepts it at iteration 0. Where an attempt fails the next one is made, in the order of Rung;
+/// pivoting for up to OuterLinearisation::largest unknowns. With -sweepvi_linearisation outer only pivoting
+/// from the guess. A certified point that the process does not take (Dvi::admissible) is a failed attempt.
 class StepSolver {
 public:
   /// @param snes  set up here with defaults (reduced space, preonly + LU by MUMPS), then SNESSetFromOptions:
@@ -122,6 +134,12 @@ public:
   /// @param brief  only from the step's own guess: a part of a step that is tried in parts has a good one
   /// @note Collective.
   StepReport solve(const Step& step, bool brief = false);
+
+  /// How far the certified point of the last solve may be off: what the rounding of each term in each row
+  /// makes of it (a backward error of 2e-16). Refines it first: the solution then is good to rounding of its
+  /// own, as far as M and q are exact, and `residual` is F there. Takes a factorization. @return nothing
+  /// where the rows of its active set do not determine it: another solution is near @note Collective.
+  std::optional<ErrorEstimate> refine();
 
   Vec solution() const { return u_.get(); }  ///< settled u of the last solve
   Vec residual() const { return f_.get(); }  ///< F at that point
@@ -177,6 +195,7 @@ private:
   bool sweep_rows(const AffineStep& affine);
   Vec unscaled(Vec scaled_u);
   double worst_ratio(Vec u);
+  bool holds_against_data(StepReport& report);
   std::vector<Rung> ladder(bool brief);
   PetscInt attempt(Rung rung, std::string& reason);
   PetscInt attempt_snes(Rung rung, std::string& reason);
@@ -197,6 +216,7 @@ private:
   SolverOptions solver_options_;
   Matrix jacobian_;
   std::unique_ptr<Certificate> judge_;
+  std::unique_ptr<DataTest> data_test_;
   std::unique_ptr<JudgedPoint> judged_;  // by judge_, with F in f_
   std::unique_ptr<RowSweeps> row_sweeps_;
   std::unique_ptr<BlockSweeps> sweeps_;

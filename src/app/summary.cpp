@@ -185,6 +185,7 @@ std::string Summary::text(MPI_Comm comm) const {
                       {"seconds_stepped", 0.0}};
   json["max_residual"] = number(max_residual);
   json["max_penetration"] = number(max_penetration);
+  if (error_estimate) json["error_estimate"] = number(*error_estimate);
   json["peak_rss_bytes"] = peak_rss_bytes(comm);
   json["unused_options"] = unused_options;
   return json.dump(2) + "\n";

@@ -29,6 +29,7 @@ struct Summary {
   std::vector<Note> notes;             ///< what is not as it was asked for
   std::optional<HybridCounts> hybrid;  ///< of the scheme hybrid
   double max_residual = 0.0, max_penetration = 0.0;
+  std::optional<double> error_estimate;  ///< of `solve`: of u, over its largest entry
   std::vector<std::string> unused_options;
   std::int64_t earlier_factorizations = 0, earlier_linear_solves = 0;  ///< before a restart
 

@@ -1,10 +1,13 @@
 #include "dvi/affine_vi.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <span>
 
+#include "dvi/no_solution.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -107,33 +110,17 @@ void AffineVi::settle(Vec u) {
   }
 }
 
-bool AffineVi::admissible(Vec u) {
-  constexpr double of_what_is_left = 1e-8;
-  constexpr double rounding_of_terms = 1e-14;  // a residual below is none
-  residual(u, f_.get());
-  row_terms(u, terms_.get());
-  int refused = 0;
-  {
-    const ReadArray x(u);
-    const ReadArray f(f_.get());
-    const ReadArray q(q_.get());
-    const ReadArray constant(abs_q_.get());
-    const ReadArray l(lower_.get());
-    const ReadArray b(upper_.get());
-    const ReadArray terms(terms_.get());
-    for (PetscInt i = 0; i < x.size(); ++i) {
-      const double off = std::min(std::abs(f[i]), f[i] > 0.0 ? x[i] - l[i] : b[i] - x[i]);
-      const double left = constant[i] + std::abs(f[i] - q[i]);
-      if (off > std::max(of_what_is_left * left, rounding_of_terms * terms[i])) refused = 1;
-    }
-  }
-  MPI_Allreduce(MPI_IN_PLACE, &refused, 1, MPI_INT, MPI_LOR, comm());
-  return refused == 0;
-}
-
-std::string AffineVi::refusal() {
-  return "the residual is small only against terms that cancel: u runs away along a direction in which M "
-         "vanishes, and no solution is near";
+std::string AffineVi::diagnosis() {
+  constexpr std::size_t most = 8;
+  const auto found =
+      prove_no_solution(M_.get(), q_.get(), abs_q_.get(), lower_.get(), upper_.get(), u_.get());
+  if (!found) return {};
+  const std::vector<PetscInt>& rows = found->faces;
+  const std::size_t named = std::min(most, rows.size());
+  return fmt::format("there is no solution: what F has to be in row{} {}{} excludes every point of the box",
+                     rows.size() == 1 ? "" : "s",
+                     fmt::join(rows.begin(), rows.begin() + static_cast<std::ptrdiff_t>(named), ", "),
+                     rows.size() > named ? fmt::format(" and {} more", rows.size() - named) : "");
 }
 
 double AffineVi::penetration() const {

@@ -27,10 +27,8 @@ public:
   std::uint64_t jacobian_version() const override { return 0; }  // constant
   /// Into the box; and onto a bound to which F pushes, from where no row sees the difference.
   void settle(Vec u) override;
-  /// Not where a residual is small against terms that cancel, and large against what is left of them: u runs
-  /// away along a direction in which M vanishes, which makes any residual small against |M| |u|.
-  bool admissible(Vec u) override;
-  std::string refusal() override;
+  /// That there is no solution, and which rows say so, if that can be proved.
+  std::string diagnosis() override;
   void accept(Vec u, Vec) override { check(VecCopy(u, u_.get())); }
   void visit(StateVisitor& visitor) override { visitor.visit("u", Belongs::state, u_.get()); }
   double penetration() const override;

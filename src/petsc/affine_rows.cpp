@@ -141,6 +141,18 @@ const double* AffineRows::ghosts(Vec u) const {
   return values.data();
 }
 
+double AffineRows::dominance() const {
+  double least = 1.0;
+  for (const Kind& kind : kinds_) {
+    double diagonal = 0.0;
+    double others = 0.0;
+    for (const Entry* entry = entries_.data() + kind.begin; entry < entries_.data() + kind.end; ++entry)
+      (entry->offset == 0 ? diagonal : others) += entry->offset == 0 ? entry->value : std::abs(entry->value);
+    least = std::min(least, diagonal > 0.0 ? 1.0 - others / diagonal : -1.0);
+  }
+  return least;
+}
+
 void AffineRows::multiply(Vec x, Vec y) const {
   const double* others = ghosts(x);
   const ReadArray own(x);

@@ -47,6 +47,10 @@ public:
   /// y = K x, y_terms = |K| x_terms; none of them the same.
   void map(Vec x, Vec x_terms, Vec y, Vec y_terms) const;
 
+  /// The least of 1 - (sum of |K_ij|, j != i) / K_ii over this rank's rows: above 0, K is strictly diagonally
+  /// dominant there. Below where a diagonal entry is not positive. @note Not collective.
+  double dominance() const;
+
   PetscInt size() const { return static_cast<PetscInt>(kind_.size()); }
   /// Those of row i, in the order of their columns. Columns i + offset count this rank's entries of a vector
   /// first, then those of other ranks in the order of `ghosts`.

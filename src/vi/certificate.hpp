@@ -19,6 +19,8 @@ namespace sweepvi {
 ///
 /// A natural residual below the range of numbers (negligible_residual, 1e-292) is none.
 ///
+/// Against data as well: data_test.hpp.
+///
 /// What is not finite - u, F or terms - certifies nothing: an overflown sum of terms would excuse any
 /// residual.
 class Certificate {
@@ -30,6 +32,8 @@ public:
   /// The same of what u settles to, which it becomes.
   double settled_ratio(Vec u, Vec lower, Vec upper, Vec f);
 
+  /// The terms of the rows of the point judged last.
+  Vec terms() const { return terms_.get(); }
   /// Whether all of u was in its intervals when it was last judged, on all ranks.
   bool inside() const { return inside_; }
 

@@ -21,6 +21,17 @@ inline double natural_residual(double u, double f, double lower, double upper) {
   return from_upper > below ? from_upper : below;
 }
 
+/// What evaluating a row of these terms in double precision may leave in F.
+inline double evaluation_error(double terms) {
+  return 8.0 * std::numeric_limits<double>::epsilon() * terms;
+}
+
+/// How far a row may be from being solved if F is only known up to `error`.
+inline double largest_residual(double u, double f, double lower, double upper, double error) {
+  const double natural = std::abs(natural_residual(u, f, lower, upper));
+  return natural == 0.0 && std::abs(f) >= error ? 0.0 : natural + error;
+}
+
 /// Judges rows one after the other.
 class RowJudge {
 public:

@@ -13,6 +13,7 @@
 #include "petsc/sparse.hpp"
 #include "vi/block_sweeps.hpp"
 #include "vi/certificate.hpp"
+#include "vi/data_test.hpp"
 #include "vi/interior_point.hpp"
 #include "vi/judged_point.hpp"
 #include "vi/outer_linearisation.hpp"
@@ -34,7 +35,7 @@ void read_options(MPI_Comm comm, CertificateOptions& options, PredictorOptions& 
     PetscFunctionBeginUser;
     PetscOptionsBegin(comm, nullptr, "sweepvi: step certificate", "sweepvi");
     PetscCall(PetscOptionsReal("-sweepvi_certificate_rtol",
-                               "Worst natural residual over row terms of a step [-], > 0",
+                               "Worst natural residual of a step over row terms, and over row data [-], > 0",
                                "CertificateOptions", options.rtol, &options.rtol, nullptr));
     PetscCall(PetscOptionsReal("-sweepvi_target_rtol",
                                "Ratio at which the solver stops improving a step [-], > 0",
@@ -95,6 +96,7 @@ StepSolver::StepSolver(SNES snes, Dvi& problem)
                          &snes_upper_, &unscaled_})
     *vector = duplicate(problem.state());
   judge_ = std::make_unique<Certificate>(problem, certificate_);
+  data_test_ = std::make_unique<DataTest>(problem, certificate_);
   judged_ = std::make_unique<JudgedPoint>(problem.comm());
   function_ = snes_f_.get();
   for (Vector* bound : {&lower_, &snes_lower_})
@@ -496,6 +498,26 @@ double StepSolver::polish() {
   return worst_ratio(u_.get());
 }
 
+// Of u_, whose rows are certified, with F in f_. Where it is refined, its rows are judged again.
+bool StepSolver::holds_against_data(StepReport& report) {
+  const LogEvent::Scope logged(events_->judge);
+  const DataTest::Verdict verdict =
+      data_test_->judge(u_.get(), f_.get(), judge_->terms(), report.residual, lower_.get(), upper_.get());
+  if (verdict == DataTest::Verdict::refined) {
+    report.refined = true;
+    report.residual = settle();
+  }
+  if (verdict != DataTest::Verdict::fails) return report.residual <= certificate_.rtol;
+  report.reason += ", at a point whose residual is small only against terms that cancel,";
+  report.diagnosis = "u runs away along a direction in which M vanishes: no solution is near the best point";
+  return false;
+}
+
+std::optional<ErrorEstimate> StepSolver::refine() {
+  judged_->forget();
+  return data_test_->refine(u_.get(), f_.get(), lower_.get(), upper_.get());
+}
+
 StepReport StepSolver::solve(const Step& step, bool brief) {
   {
     const LogEvent::Scope logged(events_->begin);
@@ -537,7 +559,7 @@ StepReport StepSolver::solve(const Step& step, bool brief) {
     report.residual = settled_ratio(u_.get());
     if (!judged_->is(u_.get())) check(VecCopy(settled_.get(), u_.get()));
     if (report.residual > certificate_.rtol && report.residual <= nearly) report.residual = polish();
-    const bool solved = report.residual <= certificate_.rtol;
+    const bool solved = report.residual <= certificate_.rtol && holds_against_data(report);
     report.certified = solved && problem_.admissible(u_.get());
     if (solved && !report.certified) {
       report.reason += ", at a solution on a branch that the process refuses,";
@@ -558,7 +580,10 @@ StepReport StepSolver::solve(const Step& step, bool brief) {
   }
   best.iterations = iterations;
   best.linear_failure = linear_failure();
-  if (best.obstacle.empty()) best.diagnosis = problem_.diagnosis();
+  if (best.obstacle.empty()) {
+    const std::string cause = problem_.diagnosis();
+    if (!cause.empty()) best.diagnosis += (best.diagnosis.empty() ? "" : "; ") + cause;
+  }
   if (!pivoting.empty() && pivoting != best.reason) best.reason += " (pivoting: " + pivoting + ")";
   check(VecCopy(best_point.get(), u_.get()));
   problem_.residual(u_.get(), f_.get());
