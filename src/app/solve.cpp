@@ -159,7 +159,8 @@ ExitCode solve(MPI_Comm comm, const CommandLine& line) {
   MPI_Comm_rank(comm, &rank);
   if (rank == 0)
     fmt::print("{}: {}certified, worst ratio {:.2g}, {} Newton iterations, {} unknowns\n{}\n",
-               printable(path), certifies ? "" : "not ", report.residual, report.iterations, size, told(error));
+               printable(path), certifies ? "" : "not ", report.residual, report.iterations, size,
+               told(error));
   if (!certifies) throw Error(summary.exit, why_uncertified(solver.certificate()));
   return ExitCode::done;
 }

@@ -116,6 +116,7 @@ void Hybrid::judge(double t, PetscInt interval) {
     if (shadow_.place_of(t) < shadow_.length()) break;
     shadow_.finish();
   }
+  if (shadow_.place_of(t) < 0.0) return;  // it has been asked for a later row
   const double near =
       std::max(window, 10.0 * counts_.relative_error) * std::min(motion_.length(), shadow_.length());
   if (near_event(motion_, t, near) || near_event(shadow_, t, near)) return;
@@ -130,7 +131,7 @@ void Hybrid::judge(double t, PetscInt interval) {
 // The largest distance of a component, and relative to its size; at least a rounding.
 Hybrid::Distance Hybrid::apart(double t) {
   motion_.flow().state(std::max(0.0, motion_.place_of(t)), here_.get());
-  shadow_.flow().state(std::max(0.0, shadow_.place_of(t)), there_.get());
+  shadow_.flow().state(shadow_.place_of(t), there_.get());
   std::array<double, 2> worst{0.0, rounding_unit};
   {
     const ReadArray here(here_.get());

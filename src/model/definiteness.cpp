@@ -220,8 +220,7 @@ bool factor(const std::vector<Triplet>& entries, const std::vector<double>& scal
   symmetric.setFromTriplets(triplets.begin(), triplets.end());
   Factorization factorization(symmetric);
   constexpr double bytes_of_entry = sizeof(double) + sizeof(int);
-  if (!factorization.count(allowed, 0.25 * available_memory().node / bytes_of_entry))
-    return false;
+  if (!factorization.count(allowed, 0.25 * available_memory().node / bytes_of_entry)) return false;
   result.how = Definiteness::How::factored;
   const auto found = factorization.vector_below_zero();
   result.definite = !found;
