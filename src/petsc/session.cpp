@@ -96,7 +96,8 @@ void initialise(int argc, char** argv) {
   allow_deep_recursion();
   clean_petsc_environment(false);
   const char* file = options_file(argc, argv);
-  static std::array<std::string, 2> own = {"-skip_petscrc", "-no_signal_handler"};
+  // With values, or PETSc would take a word of the program after them for one.
+  static std::array<std::string, 4> own = {"-skip_petscrc", "true", "-no_signal_handler", "true"};
   static std::string program = "sweepvi";
   static std::vector<char*> words;  // PETSc keeps them (PetscGetArgs)
   words.assign(1, argc > 0 ? argv[0] : program.data());
