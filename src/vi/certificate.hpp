@@ -19,7 +19,7 @@ namespace sweepvi {
 ///
 /// A natural residual below the range of numbers (negligible_residual, 1e-292) is none.
 ///
-/// Against data as well: data_test.hpp.
+/// What passes is judged against the data of the step, too: data_test.hpp.
 ///
 /// What is not finite - u, F or terms - certifies nothing: an overflown sum of terms would excuse any
 /// residual.

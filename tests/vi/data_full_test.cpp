@@ -1,5 +1,8 @@
 // The same at length: 1029 problems without a solution and 1029 with one, of 2 ... 150 unknowns, some of up
-// to 2000, and 294 stiff ones. ranks: 1 labels: long timeout: 3600
+// to 2000, and 294 stiff ones.
+// ranks: 1
+// labels: long
+// timeout: 3600
 #include "vi/data_runs.hpp"
 
 namespace sweepvi::test {
