@@ -106,7 +106,7 @@ class Unsolved(InFolder):
     def test_step_without_a_solvable_jacobian(self):
         """I - h A = 0; and numbers that overflow."""
         singular = ONE_STATE.replace("A = [[0]]", "A = [[10.0]]").replace("f = [-2]\n", "")
-        overflow = ONE_STATE.replace("A = [[0]]", "A = [[1e200]]").replace("x0 = [1]", "x0 = [1e200]")
+        overflow = ONE_STATE.replace("f = [-2]", "f = [1.7e308]").replace("x0 = [1]", "x0 = [1.7e308]")
         for name, text in {"singular": singular, "overflow": overflow}.items():
             for ranks in (1, 2):
                 with self.subTest(name, ranks=ranks):
