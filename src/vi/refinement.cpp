@@ -338,8 +338,8 @@ double Refinement::size_of_step(bool all) const {
 bool Refinement::nonlinear_near(Vec u) {
   start(u);
   place(true);
-  // Where its derivative is singular nothing is learned: of Zhuravlev and Ivanov's systems at rest a family of
-  // points are solutions, none of them far away.
+  // Where its derivative is singular nothing is learned: of Zhuravlev and Ivanov's systems at rest a family
+  // of points are solutions, none of them far away.
   return !factor(0.0) || !correct() || size_of_step() <= newton_stays;
 }
 
