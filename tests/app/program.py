@@ -90,7 +90,8 @@ def run_all(work, items, ranks=1):
 
 
 def temporary_folder():
-    return tempfile.TemporaryDirectory(prefix="sweepvi_")
+    # A run that is being ended may still write into it.
+    return tempfile.TemporaryDirectory(prefix="sweepvi_", ignore_cleanup_errors=True)
 
 
 def content(folder):
