@@ -54,7 +54,7 @@ class Ambient(unittest.TestCase):
                 self.harmless(outcome, words)
                 self.assertNotIn("left_about", outcome.err)
         # Asked for, they are read: below PETSC_OPTIONS and the command line.
-        (self.folder / "own.rc").write_text("-left_about 1\n-sweepvi_certificate_rtol 0.5\n")
+        (self.folder / "own.rc").write_text("-left_about 1\n-sweepvi_certificate_rtol 1e-7\n")
         outcome = self.run_("run", "scene.toml", "--force", "-sweepvi_petscrc", "own.rc")
         self.assertEqual(outcome.code, 0, outcome)
         self.assertIn("-left_about was not used", outcome.err)
