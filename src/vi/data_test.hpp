@@ -21,9 +21,10 @@ namespace sweepvi {
 /// terms honestly cancel, rounding of u alone leaves more - c is what Refinement finds: no more than rounding
 /// in u, unless u was far off.
 ///
-/// It guarantees that u + c solves a problem whose q differs by rtol D: so a problem that d >= 0 with dF'd <=
-/// 0 and q'd < -rtol D'd proves unsolvable is never certified. It does not tell whether there are other
-/// solutions.
+/// Where it judges an affine step, u + c solves a problem whose q differs by rtol D: so a problem that d >= 0
+/// with dF'd <= 0 and q'd < -rtol D'd proves unsolvable does not pass. It does not tell whether there are
+/// other solutions; of a nonlinear step it only asks whether one Newton step stays near, and nothing where
+/// the derivative is singular there.
 ///
 /// Two kinds of steps need no second look, and get none: one whose K is strictly diagonally dominant (it has
 /// a solution whatever its data are, and u is bounded by them), and one of a run in which rows have terms of

@@ -37,7 +37,7 @@ public:
   bool explained(Vec f, double rtol);
   /// Whether a solution is near. Where it differs from u by more than rtol of the terms of some row, u
   /// becomes it, up to rounding, and is inside its bounds. Of a nonlinear step, whether one Newton step stays
-  /// there.
+  /// there, or its derivative is singular and tells nothing.
   bool solve(Vec u, double rtol);
   /// Whether u has changed.
   bool moved() const { return moved_; }
