@@ -37,9 +37,9 @@ f = [0, -1]
 x0 = [1, 0]
 """
 
-# Takes seconds, and records all of it.
+# Takes seconds.
 LONG = """[time]
-end = 2000.0
+end = 6000.0
 step = 1e-2
 [model]
 kind = "chain"
