@@ -46,8 +46,11 @@ public:
                      const std::vector<Side>& contact, const std::vector<double>& mu) = 0;
   /// Walls at which constraints are in contact in the state of the Dvi.
   virtual std::vector<Side> in_contact() = 0;
-  /// Why these constraints cannot be in contact together; empty if they can. The same on every rank.
-  virtual std::string against(const std::vector<Side>&) { return {}; }
+  /// Constraints that are equations: in contact for good, by multipliers of any sign. Empty: there are none.
+  virtual std::vector<char> equations() const { return {}; }
+  /// Why there is no motion at t with these constraints in contact; empty if there is. The same on every
+  /// rank.
+  virtual std::string against(double t, const std::vector<Side>& contact);
   /// Replaces the events that the Dvi tells of.
   virtual void tell(std::vector<StepEvent> events) = 0;
   /// The jump of the state at an event, one step of length 0. @param met  constraints whose impact at this

@@ -53,6 +53,38 @@ double polynomial(std::span<const double> coefficients, double tau) {
   return value;
 }
 
+std::optional<double> first_crossing(std::span<const double> coefficients, double length, double noise) {
+  const std::optional<double> root = first_root(coefficients, length);
+  if (!root || noise == 0.0) return root;
+  std::vector<double> q(coefficients.begin(), coefficients.end());
+  q[0] += noise;
+  std::optional<double> end = first_root(q, length);
+  if (!end) {
+    if (polynomial(coefficients, length) >= 0.0) return std::nullopt;
+    end = length;
+  }
+  // Backwards from there to where it is not negative: as a polynomial in (end - tau)/end.
+  double scale = -1.0;
+  q.assign(coefficients.begin(), coefficients.end());
+  for (double& coefficient : q) {
+    coefficient *= scale;
+    scale *= *end;
+  }
+  for (std::size_t first = 0; first + 1 < q.size(); ++first)
+    for (std::size_t k = q.size() - 1; k > first; --k)
+      q[k - 1] += q[k];
+  for (std::size_t k = 1; k < q.size(); k += 2)
+    q[k] = -q[k];
+  q[0] = std::max(q[0], 0.0);
+  double low = *end * (1.0 - first_root(q, 1.0).value_or(1.0)), high = *end;
+  if (low <= *root || polynomial(coefficients, low) < 0.0) return root;
+  for (int i = 0; i < 60 && low < high; ++i) {
+    const double middle = 0.5 * (low + high);
+    (polynomial(coefficients, middle) < 0.0 ? high : low) = middle;
+  }
+  return high;
+}
+
 std::optional<double> first_root(std::span<const double> coefficients, double length) {
   const auto leading =
       std::find_if(coefficients.begin(), coefficients.end(), [](double c) { return c != 0.0; });

@@ -16,4 +16,8 @@ double polynomial(std::span<const double> coefficients, double tau);
 /// ones the end decides, the others are halved.
 std::optional<double> first_root(std::span<const double> coefficients, double length);
 
+/// The same, of one whose values are known up to `noise`: where it falls below zero and not back again before
+/// it has been below -noise or the interval ends.
+std::optional<double> first_crossing(std::span<const double> coefficients, double length, double noise);
+
 }  // namespace sweepvi

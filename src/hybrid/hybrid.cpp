@@ -20,6 +20,10 @@ constexpr double rounding_unit = 1.2e-16;
 
 }  // namespace
 
+std::string HybridProcess::against(double /*t*/, const std::vector<Side>& /*contact*/) {
+  return {};
+}
+
 void HybridProcess::show_states(StateVisitor& visitor, const char* name, std::vector<double>& numbers) {
   visitor.visit(name, Belongs::state, numbers);
 }

@@ -90,7 +90,6 @@ public:
     if (!report.certified) return report;
     std::vector<StepEvent> events;
     for (const StepEvent& event : dvi_.events()) {
-      if (!event.impact) continue;
       char& told = met[static_cast<std::size_t>(event.constraint)];
       if (event.level > 1 && told == 0) events.push_back({event.constraint, event.side, 1, true, 0.0});
       if (event.level > 1 || told == 0) events.push_back(event);

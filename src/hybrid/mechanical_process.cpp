@@ -90,7 +90,7 @@ public:
   StepReport reset(StepSolver& solver, const Step& step, std::vector<char>& met) override {
     const StepReport report = jump_of(dvi_, solver, step);
     for (const StepEvent& event : dvi_.events())
-      if (event.impact) met[static_cast<std::size_t>(event.constraint)] = 1;
+      met[static_cast<std::size_t>(event.constraint)] = 1;
     return report;
   }
 

@@ -15,6 +15,8 @@ namespace {
 
 constexpr int patient = 100;           // jumps at one instant before small ones are no more jumps
 constexpr int most_jumps = 100000;     // at one instant
+constexpr int crowd = 100000;          // of series
+constexpr double progress = 1e-15;     // over the longest time, that so many make at least
 constexpr double small_part = 0.01;    // of the tolerance: what is left of a flight
 constexpr double smaller_part = 1e-3;  // what is left out of all series
 constexpr double noise = 1e-15;        // a flight below it is rounding
@@ -41,7 +43,7 @@ double coin(std::uint64_t number, std::uint64_t time) {
 
 Motion::Motion(HybridProcess& process, double tolerance, int terms, double perturbed, double longest)
     : process_(process),
-      flow_(process.system(), process.degree(), process.offset(), terms),
+      flow_(process.system(), process.degree(), process.offset(), process.equations(), terms),
       closing_(std::max(small_part * tolerance, noise)),
       rate_(smaller_part * tolerance / longest),
       perturbed_(perturbed),
@@ -82,6 +84,14 @@ bool Motion::prepare(StepSolver& solver, PetscInt interval, const Watch* watch, 
     begin_series();
     return failure_.empty();
   }
+  if (++crowd_ >= crowd) {
+    crowd_ = 0;
+    if (!(std::abs(clock_.until(crowded_at_)) > progress * longest_)) {
+      failure_ = fmt::format("at t = {:.17g} s events follow each other without end", clock_.high);
+      return false;
+    }
+    crowded_at_ = clock_.high;
+  }
   find_known();
   met_.assign(constraints(), 0);
   std::vector<Side> before = contact_;
@@ -112,7 +122,7 @@ bool Motion::prepare(StepSolver& solver, PetscInt interval, const Watch* watch, 
         clock_.high);
     return false;
   }
-  if (const std::string against = process_.against(flow_.contact()); !against.empty()) {
+  if (const std::string against = process_.against(clock_.high, flow_.contact()); !against.empty()) {
     failure_ = fmt::format("at t = {:.17g} s {}", clock_.high, against);
     return false;
   }

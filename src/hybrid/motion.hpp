@@ -88,6 +88,8 @@ private:
   double tried_, held_ = 0.0;  // lengths: asked for, and over which the series holds
   double length_ = 0.0, last_event_ = -PETSC_INFINITY;
   std::int64_t series_ = 0;
+  int crowd_ = 0;               // of series since
+  double crowded_at_ = 0.0;     // this time
   std::vector<double> flight_;  // relative excursion since the constraint left its wall
   std::vector<double> sizes_;   // of outputs, so far
   std::vector<char> known_;

@@ -4,6 +4,8 @@
 #include <map>
 #include <span>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/state_visitor.hpp"
@@ -29,10 +31,16 @@ private:
   std::map<std::string, Action> actions_;
 };
 
-/// Solves a step of length 0 and takes it.
-inline StepReport jump_of(Dvi& dvi, StepSolver& solver, const Step& step) {
+/// Solves a step of length 0 and takes it. Of its events only impacts are told: which contacts have ended is
+/// seen when all jumps of an instant are over.
+template <class TellingDvi>
+StepReport jump_of(TellingDvi& dvi, StepSolver& solver, const Step& step) {
   StepReport report = solver.solve(step);
-  if (report.certified) dvi.accept(solver.solution(), solver.residual());
+  if (!report.certified) return report;
+  dvi.accept(solver.solution(), solver.residual());
+  std::vector<StepEvent> impacts = dvi.events();
+  std::erase_if(impacts, [](const StepEvent& event) { return !event.impact; });
+  dvi.tell(std::move(impacts));
   return report;
 }
 

@@ -67,11 +67,12 @@ bool negligible(std::span<const double> terms, double length, double floor, doub
 }  // namespace
 
 SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset,
-                       int most_terms)
+                       std::vector<char> equations, int most_terms)
     : most_terms_(std::min(most_terms, enough_terms)),
       system_(system),
       degree_(degree),
       offset_(offset),
+      equation_(std::move(equations)),
       forcing_(system, degree),
       forces_(system, degree) {
   const std::size_t count = degree.degree.size();
@@ -98,6 +99,7 @@ SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree,
     abs_direct_ = absolute_copy(direct_rows_.get());
   else
     direct_rows_.reset();
+  equation_.resize(count, 0);
   upper_.assign(count, PETSC_INFINITY);
   if (system.wmax) copy_to(system.wmax.get(), upper_);
   fastest_ = std::max(fastest_of(system.f), offset != nullptr ? fastest_of(*offset) : 0.0);
@@ -118,6 +120,14 @@ SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree,
   for (Numbers* numbers : {&a_, &lambda_now_, &rest_, &small_, &least_})
     numbers->assign(count, 0.0);
   meeting_.assign(static_cast<std::size_t>(degree.first_level.back()), 0);
+  moving_.assign(meeting_.size(), 0.0);
+  for (int i = 1; offset_ != nullptr && i <= degree.highest; ++i) {
+    check(VecSet(w_now_.get(), 0.0));
+    offset_->add_bound_to(w_now_.get(), i - 1, 1.0);
+    const ReadArray bound(w_now_.get());
+    for (std::size_t a = 0; a < count; ++a)
+      if (i <= levels(a)) moving_[at(a, i)] = bound[static_cast<PetscInt>(a)];
+  }
   PetscInt local = 0;
   check(VecGetLocalSize(system.x0.get(), &local));
   traversed_.assign(static_cast<std::size_t>(local), 0.0);
@@ -133,7 +143,7 @@ void SmoothFlow::find_outputs(double t, Vec x, Outputs& to) {
     const ReadArray moved(w_now_.get());
     const WriteArray g(g_.get());
     for (std::size_t a = 0; a < constraints(); ++a)
-      g[static_cast<PetscInt>(at(a, i))] += moved[static_cast<PetscInt>(a)];
+      if (i <= levels(a)) g[static_cast<PetscInt>(at(a, i))] += moved[static_cast<PetscInt>(a)];
   }
   check(MatMultAdd(degree_.Z.get(), x, g_.get(), outputs_.get()));
   copy_to(outputs_.get(), to.z);
@@ -148,7 +158,7 @@ void SmoothFlow::find_outputs(double t, Vec x, Outputs& to) {
   const ReadArray g(g_.get());
   to.noise.resize(to.terms.size());
   for (std::size_t q = 0; q < to.terms.size(); ++q) {
-    to.terms[q] += std::abs(g[static_cast<PetscInt>(q)]);
+    to.terms[q] += std::max(std::abs(g[static_cast<PetscInt>(q)]), moving_[q]);
     to.noise[q] = noisy * to.terms[q];
   }
 }
@@ -171,7 +181,7 @@ bool SmoothFlow::place(double t, Vec x, const std::vector<char>& known) {
       if (stands)
         z1 = above ? upper_[a] : 0.0;
       else
-        stand = z1 < 0.0 || from_upper > 0.0 ? Stand::out : Stand::away;
+        stand = z1 < 0.0 || from_upper > 0.0 || equation_[a] != 0 ? Stand::out : Stand::away;
       for (int i = 2; i <= levels(a) && stand == Stand::touching; ++i) {
         double& output = at_begin_.z[at(a, i)];
         leading_[a] = i - 1;
@@ -269,8 +279,8 @@ bool SmoothFlow::choose(Vec x, const std::vector<Side>& guess) {
   reset_terms(x);
   guess_ = guess;
   for (std::size_t a = 0; a < constraints(); ++a) {
-    tied_[a] = stand_[a] == Stand::touching ? 1 : 0;
-    contact_[a] = Side::none;
+    tied_[a] = stand_[a] == Stand::touching && equation_[a] == 0 ? 1 : 0;
+    contact_[a] = equation_[a] != 0 ? Side::lower : Side::none;
     weightless_[a] = 0;
     pull_leading_[a] = 0;
     least_[a] = 0.0;
@@ -638,18 +648,22 @@ Numbers SmoothFlow::distance(std::size_t a, Side wall) const {
 }
 
 std::optional<double> SmoothFlow::event_of(std::size_t a, double length) const {
+  if (equation_[a] != 0) return std::nullopt;
   if (contact_[a] != Side::none) {
     Numbers pull(lambda_.size());
     for (std::size_t k = 0; k < pull.size(); ++k)
       pull[k] = sign(contact_[a]) * lambda_[k][a];
     std::fill_n(pull.begin(), std::min(pull.size(), static_cast<std::size_t>(pull_leading_[a])), 0.0);
-    if (weightless_[a] != 0 && !pull.empty()) pull[0] = std::max(0.0, pull[0]) + least_[a];
-    return first_root(pull, length);
+    if (pull.empty()) return std::nullopt;
+    if (weightless_[a] != 0) pull[0] = std::max(0.0, pull[0]) + least_[a];
+    return first_crossing(pull, length, noisy * lambda_scale_[a]);  // to vanish for an instant is to stay
   }
-  std::optional<double> first = first_root(distance(a, Side::lower), length);
+  // Without a velocity of its own it is no event to touch a wall, up to rounding, and to turn back.
+  const double noise = levels(a) == 1 ? at_begin_.noise[at(a, 1)] : 0.0;
+  const auto meets = [&](Side wall) { return first_crossing(distance(a, wall), length, noise); };
+  std::optional<double> first = meets(Side::lower);
   if (upper_[a] < PETSC_INFINITY)
-    if (const auto other = first_root(distance(a, Side::upper), length); other && (!first || *other < *first))
-      first = other;
+    if (const auto other = meets(Side::upper); other && (!first || *other < *first)) first = other;
   return first;
 }
 

@@ -45,8 +45,10 @@ class SmoothFlow {
 public:
   /// All must outlive the flow.
   /// @param offset  w = C x + w0 + offset(t), where all degrees are equal; may be null
+  /// @param equations  constraints that are in contact for good, by multipliers of any sign; empty: none
   /// @param most_terms  of a series; about 28, and terms hardly grow before they fall over its length
-  SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset, int most_terms);
+  SmoothFlow(const LinearSystem& system, const RelativeDegree& degree, const Forcing* offset,
+             std::vector<char> equations, int most_terms);
 
   /// Finds where the constraints stand. @param known  outputs that are at their wall (z_1) or 0, whatever x
   /// says
@@ -125,13 +127,15 @@ private:
   const LinearSystem& system_;
   const RelativeDegree& degree_;
   const Forcing* offset_;
+  std::vector<char> equation_;
   OutputForcing forcing_;
   ContactForces forces_;
   Matrix last_rows_;    // rows (a, r_a) of Z, none where r_a = 0: m x n
   Matrix direct_rows_;  // rows of C where r_a = 0; empty: there are none
   Matrix abs_A_, abs_B_, abs_Z_, abs_last_, abs_direct_;
-  std::vector<double> upper_;  // walls
-  double fastest_ = 0.0;       // of the signals in f and offset [rad/s]
+  std::vector<double> upper_;   // walls
+  std::vector<double> moving_;  // bounds of what offset_ adds to outputs
+  double fastest_ = 0.0;        // of the signals in f and offset [rad/s]
 
   double t_ = 0.0;
   std::vector<Stand> stand_;

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -15,32 +16,47 @@ namespace sweepvi {
 namespace {
 
 /// The rows w_a = s_a (u_i - b_i(t)) >= 0 of a box, or those of a polyhedron: constraints of degree 1 that
-/// move.
+/// move. Bounds that are the same are one row, an equation.
 struct Rows {
   Matrix C;
   Forcing offset;
   std::vector<PetscInt> component;  // box: local number of u_i
   std::vector<Side> side;           // box: which bound
+  std::vector<char> equation;
 };
 
-void add_bound(const std::optional<Forcing>& bound, Side side, PetscInt components, Rows& rows,
-               std::vector<SparseRow>& entries, PetscInt first) {
-  if (!bound) return;
-  std::vector<Signal> signals(static_cast<std::size_t>(components));  // what is not listed is zero
-  std::vector<char> varies(signals.size(), 0);
-  for (const auto* list : {&bound->constant, &bound->varying})
+/// Of all components; what is not listed is zero.
+std::vector<Signal> signals_of(const Forcing& bound, PetscInt components) {
+  std::vector<Signal> signals(static_cast<std::size_t>(components));
+  for (const auto* list : {&bound.constant, &bound.varying})
     for (const Forcing::Entry& entry : *list)
       signals[static_cast<std::size_t>(entry.local)] = entry.signal;
-  for (PetscInt i = 0; i < components; ++i) {
-    const Signal& signal = signals[static_cast<std::size_t>(i)];
-    if (std::isinf(signal.offset)) continue;
-    const auto row = static_cast<PetscInt>(rows.component.size());
-    rows.component.push_back(i);
-    rows.side.push_back(side);
-    entries.push_back({{first + i, sign(side)}});
-    (signal.varies() ? rows.offset.varying : rows.offset.constant)
-        .push_back({row, signal.scaled(-sign(side))});
-  }
+  return signals;
+}
+
+/// Up to rounding, at all times: of one frequency, the same offset, sine and cosine.
+bool same(const Signal& a, const Signal& b) {
+  constexpr double rounding = 8.0 * std::numeric_limits<double>::epsilon();
+  if (std::isinf(a.offset) || std::isinf(b.offset)) return false;
+  const auto equal = [](double p, double q, double size) { return std::abs(p - q) <= rounding * size; };
+  const auto constant = [](const Signal& s) { return s.varies() ? s.offset : s.value(0.0); };
+  if (!equal(constant(a), constant(b), std::max(a.bound(), b.bound()))) return false;
+  if (a.varies() != b.varies()) return false;
+  if (!a.varies()) return true;
+  const double turn = a.frequency == -b.frequency ? -1.0 : 1.0;  // sin(-x) = -sin(x)
+  if (a.frequency != turn * b.frequency) return false;
+  const double size = std::max(std::abs(a.amplitude), std::abs(b.amplitude));
+  return equal(a.amplitude * std::cos(a.phase), turn * b.amplitude * std::cos(b.phase * turn), size) &&
+         equal(a.amplitude * std::sin(a.phase), turn * b.amplitude * std::sin(b.phase * turn), size);
+}
+
+void add_bound(const Signal& signal, Side side, bool equation, PetscInt component, Rows& rows) {
+  if (std::isinf(signal.offset)) return;
+  const auto row = static_cast<PetscInt>(rows.component.size());
+  rows.component.push_back(component);
+  rows.side.push_back(side);
+  rows.equation.push_back(equation ? 1 : 0);
+  (signal.varies() ? rows.offset.varying : rows.offset.constant).push_back({row, signal.scaled(-sign(side))});
 }
 
 Rows rows_of(const SweepingSystem& system) {
@@ -56,12 +72,21 @@ Rows rows_of(const SweepingSystem& system) {
         entry.signal = entry.signal.scaled(-1.0);
     return rows;
   }
-  std::vector<SparseRow> entries;
-  add_bound(system.lower, Side::lower, components, rows, entries, first);
-  add_bound(system.upper, Side::upper, components, rows, entries, first);
+  const Signal none[] = {{.offset = -std::numeric_limits<double>::infinity()},
+                         {.offset = std::numeric_limits<double>::infinity()}};
+  const auto all = static_cast<std::size_t>(components);
+  const auto lower = system.lower ? signals_of(*system.lower, components) : std::vector(all, none[0]);
+  const auto upper = system.upper ? signals_of(*system.upper, components) : std::vector(all, none[1]);
+  std::vector<char> fixed(all);
+  for (std::size_t i = 0; i < all; ++i) {
+    fixed[i] = same(lower[i], upper[i]) ? 1 : 0;
+    add_bound(lower[i], Side::lower, fixed[i] != 0, static_cast<PetscInt>(i), rows);
+  }
+  for (std::size_t i = 0; i < all; ++i)
+    if (fixed[i] == 0) add_bound(upper[i], Side::upper, false, static_cast<PetscInt>(i), rows);
   RowBuilder builder;
-  for (const SparseRow& row : entries) {
-    builder.add(row);
+  for (std::size_t a = 0; a < rows.component.size(); ++a) {
+    builder.add(first + rows.component[a], sign(rows.side[a]));
     builder.end_row();
   }
   rows.C = builder.finish(system.comm(), components);
@@ -121,18 +146,33 @@ public:
   const RelativeDegree& degree() const override { return degree_; }
   const Forcing* offset() const override { return &rows_.offset; }
 
-  // A component is never at both of its bounds: M takes them for two constraints that share no multiplier.
-  std::string against(const std::vector<Side>& contact) override {
+  std::vector<char> equations() const override { return rows_.equation; }
+
+  // Between its bounds there is room for each component, up to rounding; M takes them for constraints that
+  // share no multiplier.
+  std::string against(double t, const std::vector<Side>& contact) override {
+    constexpr double rounding = 256.0 * std::numeric_limits<double>::epsilon();
     PetscInt worst = -1;
-    std::vector<char> taken(dvi_.w().size(), 0);
-    for (std::size_t a = 0; a < contact.size() && box_; ++a)
-      if (contact[a] != Side::none && std::exchange(taken[component(a)], 1) != 0)
+    struct Row {
+      double offset, size;
+      bool held;
+    };
+    std::vector<std::optional<Row>> other(dvi_.w().size());
+    check(VecSet(offset_.get(), 0.0));
+    rows_.offset.add_to(offset_.get(), t, 0, 1.0);
+    const ReadArray offsets(offset_.get());
+    for (std::size_t a = 0; a < contact.size() && box_; ++a) {
+      const double offset = offsets[static_cast<PetscInt>(a)];
+      const Row now{offset, std::abs(offset), contact[a] != Side::none};
+      std::optional<Row>& first = other[component(a)];
+      // u - l >= 0 and b - u >= 0: the offsets' sum is b - l.
+      if (first &&
+          ((now.held && first->held) || now.offset + first->offset < -rounding * (now.size + first->size)))
         worst = std::max(worst, system_.constraint_order[a]);
+      first = now;
+    }
     MPI_Allreduce(MPI_IN_PLACE, &worst, 1, MPIU_INT, MPI_MAX, dvi_.comm());
-    return worst < 0
-               ? ""
-               : "the bounds of component " + std::to_string(worst) +
-                     " meet, and the set is a point or empty from then on: the scheme catching-up takes that";
+    return worst < 0 ? "" : "the bounds of component " + std::to_string(worst) + " meet or cross";
   }
 
   // A box is known by its components: a number for each of the two bounds.
@@ -211,7 +251,7 @@ public:
   StepReport reset(StepSolver& solver, const Step& step, std::vector<char>& met) override {
     const StepReport report = jump_of(dvi_, solver, step);
     for (const StepEvent& event : dvi_.events())
-      for (std::size_t a = 0; a < met.size() && event.impact; ++a)
+      for (std::size_t a = 0; a < met.size(); ++a)
         if (static_cast<PetscInt>(component(a)) == event.constraint && (!box_ || rows_.side[a] == event.side))
           met[a] = 1;
     return report;

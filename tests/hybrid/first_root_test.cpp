@@ -46,6 +46,19 @@ TEST(FirstRoot, OfATouchIsNone) {
   EXPECT_FALSE(first_root(std::vector<double>{1.0, -2.0, 1.0}, 2.0));  // (1 - tau)^2
 }
 
+TEST(FirstCrossing, IsNoDipBelowTheNoise) {
+  // Below zero between the two roots by 2.5e-9, and on its way from 0.8.
+  const std::vector<double> c = with_roots({0.5, 0.5001, 0.8});
+  const double depth = 0.25e-8 * 0.3;
+  EXPECT_NEAR(first_crossing(c, 1.0, 0.5 * depth).value(), 0.5, 1e-12);
+  EXPECT_NEAR(first_crossing(c, 1.0, 2.0 * depth).value(), 0.8, 1e-14);
+  EXPECT_FALSE(first_crossing(c, 0.7, 2.0 * depth));
+  // It ends on its way.
+  EXPECT_NEAR(first_crossing(with_roots({0.8}), 0.8 + 1e-9, 1e-6).value(), 0.8, 1e-15);
+  EXPECT_EQ(first_crossing(std::vector<double>{0.0, -1.0, 5.0}, 1.0, 1e-3), 0.0);
+  EXPECT_FALSE(first_crossing(std::vector<double>{0.0, -1e-17, 5.0}, 1.0, 1e-15));
+}
+
 TEST(FirstRoot, ThatBeginsAtZero) {
   // Leaves with tau^3, comes back at tau = 0.5.
   std::vector<double> c = with_roots({0.5});

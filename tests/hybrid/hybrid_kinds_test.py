@@ -172,6 +172,46 @@ class HybridKinds(unittest.TestCase):
             for data in self.both(model, 1.25, 0.1):
                 s = data["t"][-1] - 1.0  # before any of them lands again
                 np.testing.assert_allclose(data["w"][-1], [0.5 * p2 * s - s * s / 2, e * (2 / 3) * s - s * s / 2], rtol=0, atol=1e-13)
+                self.assertEqual(sorted((int(e["constraint"]), int(e["kind"])) for e in self.events), [(0, LIFT_OFF), (1, IMPACT), (1, LIFT_OFF)])
+
+    # Bounds -------------------------------------------------------------------------------------------
+
+    def test_bounds_that_are_the_same(self):
+        """u_0 = sin t, and u_1' = -u_0 between -1 and 1: -1 is met where cos t = -0.3, and left at pi. lambda_0 = cos t - u_1."""
+        wave = {"amplitude": 1.0, "frequency": 0.5 / math.pi}
+        turned = {"amplitude": -1.0, "frequency": 0.5 / math.pi, "phase": math.pi}
+        hit = math.acos(-0.3)
+        for upper, start in ((wave, 0.0), (turned, 0.5)):
+            model = {
+                "kind": "sweeping", "A": [[0, 1], [-1, 0]], "u0": [start, 0.3], "lower": [wave, -1], "upper": [upper, 1],
+            }  # fmt: skip
+            for data in self.both(model, 6.0, 0.1):
+                t = data["t"]
+                u = np.where(t < hit, np.cos(t) - 0.7, np.where(t < math.pi, -1.0, np.cos(t)))
+                after = slice(1 if start else 0, None)
+                np.testing.assert_allclose(data["x"][after], np.stack([np.sin(t), u], axis=1)[after], rtol=0, atol=1e-12)
+                integral = 0.7 * np.minimum(t, hit) + np.clip(np.sin(t) + t - math.sin(hit) - hit, 0, None) * (t <= math.pi)
+                integral += (t > math.pi) * (math.pi - math.sin(hit) - hit)
+                np.testing.assert_allclose(np.cumsum(data["mu"][:, 0].ravel())[1:], (integral - start)[1:], rtol=0, atol=1e-12)
+                told = [(int(e["constraint"]), int(e["kind"])) for e in self.events if e["t"] > 0]
+                self.assertEqual(told, [(1, IMPACT), (1, LIFT_OFF)])
+
+    def test_bounds_that_meet(self):
+        """Between cos t - 1 and 1 - cos t, which meet at 0 and 2 pi: pushed to a bound with force 1 a component stays there, as
+        sin t <= 1; one that is not pushed stays where it is."""
+        wave = {"offset": -1.0, "amplitude": 1.0, "frequency": 0.5 / math.pi, "phase": 0.5 * math.pi}
+        above = {"offset": 1.0, "amplitude": -1.0, "frequency": 0.5 / math.pi, "phase": 0.5 * math.pi}
+        model = {"kind": "sweeping", "u0": [0.0] * 3, "f": [1.0, -1.0, 0.0], "lower": [wave] * 3, "upper": [above] * 3}
+        for data in self.both(model, 12.0, 0.1):
+            bound = 1 - np.cos(data["t"])
+            np.testing.assert_allclose(data["x"], np.stack([bound, -bound, 0 * bound], axis=1), rtol=0, atol=1e-13)
+            self.assertFalse([e for e in self.events if e["t"] > 0])
+        # They cross at pi.
+        wave, above = ({"amplitude": s, "frequency": 0.5 / math.pi} for s in (-1.0, 1.0))
+        model = {"kind": "sweeping", "u0": [0.0], "lower": [wave], "upper": [above]}
+        self.assertIn("K(t) is empty", self.run_model(model, 6.0, 0.1, code=2).err)
+        # Between two rows, which nobody looks at before the run.
+        self.assertIn("bounds of component 0 meet or cross", self.run_model(model, 7.2, 7.2, code=3).err)
 
     # Masses -------------------------------------------------------------------------------------------
 
