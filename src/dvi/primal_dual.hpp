@@ -68,6 +68,7 @@ private:
   void project_held(Vec u);
   void put_unit_outputs(Vec u);
   void recover_lower_measures(Vec u);
+  void follow_measures(Vec u);
   void find_net_multipliers(Vec u, std::vector<double>& net) const;
   void prepare_completion();
   void find_increment(const Step& step);

@@ -141,6 +141,11 @@ void PrimalDual::settle(Vec u) {
     }
   }
   if (!with_levels_) return;
+  if (h_ == 0.0) {
+    recover_lower_measures(u);
+    follow_measures(u);
+    return;
+  }
   if (any_mixed_) project_held(u);
   put_unit_outputs(u);
   recover_lower_measures(u);
@@ -171,6 +176,23 @@ void PrimalDual::project_held(Vec u) {
     }
     rows_.add_pushes(work_.get(), u);  // K has -d in its columns
   }
+}
+
+// A jump is its measures: x = x_k + sum d_{a,i} mu_{a,i}. What the solver left of measures that are none is taken
+// off x again, which may have no terms of its own to hide it in.
+void PrimalDual::follow_measures(Vec u) {
+  {
+    const ReadArray values(u);
+    const WriteArray taken(work_.get());
+    for (PetscInt i = local_x_; i < taken.size(); ++i)
+      taken[i] = -values[i];
+  }
+  {
+    const ReadArray from(rhs_.get());
+    const WriteArray x(u);
+    std::copy_n(from.data(), local_x_, x.data());
+  }
+  rows_.add_pushes(work_.get(), u);  // K has -d in its columns
 }
 
 // Those that are single states: exactly.

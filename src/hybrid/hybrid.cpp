@@ -11,11 +11,11 @@ namespace sweepvi {
 
 namespace {
 
-constexpr int terms = 28, more_terms = 34;  // of series: the shadow's are of another order
-constexpr double finer = 1e-3;              // times the tolerance: that of the shadow
-constexpr double roundings = 32.0;          // by which the shadow is moved
-constexpr double safety = 4.0;              // on how far they are apart
-constexpr double window = 1e-6;             // around events, of a series
+constexpr int terms = 28, more_terms = 34;             // of series: the shadow's are of another order
+constexpr double finer = 1e-3;                         // times the tolerance: that of the shadow
+constexpr double roundings = 32.0;                     // by which the shadow is moved
+constexpr double safety = 4.0;                         // on how far they are apart
+constexpr double window = 1e-6, widest_window = 1e-2;  // around events, of a series
 constexpr double rounding_unit = 1.2e-16;
 
 }  // namespace
@@ -121,8 +121,8 @@ void Hybrid::judge(double t, PetscInt interval) {
     shadow_.finish();
   }
   if (shadow_.place_of(t) < 0.0) return;  // it has been asked for a later row
-  const double near =
-      std::max(window, 10.0 * counts_.relative_error) * std::min(motion_.length(), shadow_.length());
+  const double near = std::clamp(10.0 * counts_.relative_error, window, widest_window) *
+                      std::min(motion_.length(), shadow_.length());
   if (near_event(motion_, t, near) || near_event(shadow_, t, near)) return;
   const auto series = static_cast<double>(motion_.series());
   const double kept = series > judged_ ? 0.5 : 1.0;
@@ -132,18 +132,21 @@ void Hybrid::judge(double t, PetscInt interval) {
   counts_.relative_error = std::max(safety * distance.relative, kept * counts_.relative_error);
 }
 
-// The largest distance of a component, and relative to its size; at least a rounding.
+// The largest distance of a component, and relative to its size: that of what it is a sum of. At least a
+// rounding.
 Hybrid::Distance Hybrid::apart(double t) {
-  motion_.flow().state(std::max(0.0, motion_.place_of(t)), here_.get());
+  const double place = std::max(0.0, motion_.place_of(t));
+  motion_.flow().state(place, here_.get());
   shadow_.flow().state(shadow_.place_of(t), there_.get());
   std::array<double, 2> worst{0.0, rounding_unit};
   {
     const ReadArray here(here_.get());
     const ReadArray there(there_.get());
+    const ReadArray summed(motion_.flow().summed());
     const std::vector<double>& traversed = motion_.flow().traversed();
     for (std::size_t i = 0; i < size_.size(); ++i) {
       const auto k = static_cast<PetscInt>(i);
-      size_[i] = std::max({size_[i], std::abs(here[k]), traversed[i]});
+      size_[i] = std::max({size_[i], std::abs(here[k]), traversed[i], place * summed[k]});
       const double distance = std::abs(here[k] - there[k]);
       worst[0] = std::max({worst[0], distance, rounding_unit * std::abs(here[k])});
       if (distance > 0.0) worst[1] = std::max(worst[1], distance / std::max(size_[i], std::abs(there[k])));

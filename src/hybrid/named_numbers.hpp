@@ -31,15 +31,15 @@ private:
   std::map<std::string, Action> actions_;
 };
 
-/// Solves a step of length 0 and takes it. Of its events only impacts are told: which contacts have ended is
-/// seen when all jumps of an instant are over.
+/// Solves a step of length 0 and takes it. Of its events only impacts by measures are told: who has come to
+/// a wall without one, or left, is seen when all jumps of an instant are over.
 template <class TellingDvi>
 StepReport jump_of(TellingDvi& dvi, StepSolver& solver, const Step& step) {
   StepReport report = solver.solve(step);
   if (!report.certified) return report;
   dvi.accept(solver.solution(), solver.residual());
   std::vector<StepEvent> impacts = dvi.events();
-  std::erase_if(impacts, [](const StepEvent& event) { return !event.impact; });
+  std::erase_if(impacts, [](const StepEvent& event) { return !event.impact || event.impulse == 0.0; });
   dvi.tell(std::move(impacts));
   return report;
 }

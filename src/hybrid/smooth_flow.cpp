@@ -204,9 +204,22 @@ bool SmoothFlow::place(double t, Vec x, const std::vector<char>& known) {
   return found[0] != 0;
 }
 
-// A direction of a level moves outputs of its own depth r - i and of lesser ones: deepest first.
+// States that a move has brought to 0 up to rounding of what they were are 0: there is nothing else that a
+// jump could judge what is left of them against.
 void SmoothFlow::pull_in(Vec x) {
   if (!any_at_wall_) return;
+  check(VecCopy(x, work_.get()));
+  move_to_walls(x);
+  const ReadArray before(work_.get());
+  const WriteArray now(x);
+  for (PetscInt i = 0; i < now.size(); ++i) {
+    const double size = std::max(std::abs(before[i]), traversed_[static_cast<std::size_t>(i)]);
+    if (now[i] != before[i] && std::abs(now[i]) <= lost * size) now[i] = 0.0;
+  }
+}
+
+// A direction of a level moves outputs of its own depth r - i and of lesser ones: deepest first.
+void SmoothFlow::move_to_walls(Vec x) {
   const int sweeps = forces_.coupled() ? 2 * degree_.highest : 1;
   std::vector<char> set(constraints());
   Numbers defect(constraints());

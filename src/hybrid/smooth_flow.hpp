@@ -78,6 +78,8 @@ public:
   /// Of each component, the largest term on the way there, and what its derivative was a sum of: rounding is
   /// relative to that.
   const std::vector<double>& traversed() const { return traversed_; }
+  /// What the derivative at the begin of the series is a sum of, |A| |x| + |f| + |B| |lambda|.
+  Vec summed() const { return bound_.get(); }
   /// At time t + tau in the state x(tau).
   Outputs outputs(double tau, Vec x);
   std::vector<double> w(double tau, const Outputs& outputs) const;
@@ -113,6 +115,7 @@ private:
   bool decide(int k);
   bool find_multipliers(int k);
   bool refine_rate(int k);
+  void move_to_walls(Vec x);
   void reset_terms(Vec x);
   void count_term(int k);
   void find_coupling();

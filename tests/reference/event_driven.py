@@ -294,9 +294,11 @@ class EventDriven:
                 there.add(a)
             if r == 0 and before[a] and self.contact[a] and before[a] != self.contact[a]:
                 raise Grazing("from wall to wall")
+        thrown = {a for a in range(self.m) if before[a] and self.contact[a] and before[a] != self.contact[a]}  # from wall to wall
+        touched |= thrown
         solution.events += [(self.t, a, IMPACT) for a in sorted(touched)]
         solution.events += [(self.t, a, KICK) for a in sorted(kicked - touched)]
-        away = [a for a in range(self.m) if (before[a] or a in touched) and not self.contact[a]]
+        away = [a for a in range(self.m) if a in thrown or ((before[a] or a in touched) and not self.contact[a])]
         solution.events += [(self.t, a, LIFT_OFF if before[a] or a in there else REBOUND) for a in away]
         if len(solution.events) > self.most_events:
             raise Grazing("too many events")
