@@ -144,6 +144,7 @@ void PrimalDual::settle(Vec u) {
   if (h_ == 0.0) {
     recover_lower_measures(u);
     follow_measures(u);
+    put_unit_outputs(u);
     return;
   }
   if (any_mixed_) project_held(u);

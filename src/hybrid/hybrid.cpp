@@ -13,7 +13,7 @@ namespace {
 
 constexpr int terms = 28, more_terms = 34;             // of series: the shadow's are of another order
 constexpr double finer = 1e-3;                         // times the tolerance: that of the shadow
-constexpr double roundings = 32.0;                     // by which the shadow is moved
+constexpr double roundings = 20.0;                     // by which the shadow is moved
 constexpr double safety = 4.0;                         // on how far they are apart
 constexpr double window = 1e-6, widest_window = 1e-2;  // around events, of a series
 constexpr double rounding_unit = 1.2e-16;

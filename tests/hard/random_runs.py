@@ -262,7 +262,8 @@ def consistent(run, system):
     """Outputs come from states: |w - (C x + w0)| at rounding, constraints without D."""
     C, x, w0 = floats(system.C), run["x"], np.array(system.w0, float)
     plain = np.array(system.degree) > 0
-    terms = (np.abs(x) + np.abs(x).max(axis=0)) @ np.abs(C).T + np.abs(w0)  # of a state that vanishes: what it was
+    # Of a state that vanishes: what it was, and a thousandth of what it is a sum of.
+    terms = (np.abs(x) + np.abs(x).max(axis=0) + 1e-3 * np.abs(x).max()) @ np.abs(C).T + np.abs(w0)
     off = np.abs(run["w"] - (x @ C.T + w0)) / np.maximum(terms, 1e-300)
     return [("w - C x - w0 over terms", float(off[:, plain].max(initial=0.0)), 1e-13)]
 
