@@ -179,8 +179,8 @@ void PrimalDual::project_held(Vec u) {
   }
 }
 
-// A jump is its measures: x = x_k + sum d_{a,i} mu_{a,i}. What the solver left of measures that are none is taken
-// off x again, which may have no terms of its own to hide it in.
+// A jump is its measures: x = x_k + sum d_{a,i} mu_{a,i}. What the solver left of measures that are none is
+// taken off x again, which may have no terms of its own to hide it in.
 void PrimalDual::follow_measures(Vec u) {
   {
     const ReadArray values(u);

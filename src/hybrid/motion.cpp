@@ -327,6 +327,7 @@ void Motion::write(double tau) {
   flow_.add_measures(told_, tau, mu_);
   told_ = tau;
   flow_.state(tau, row_.get());
+  flow_.hold(tau, row_.get());
   const Outputs now = flow_.outputs(tau, row_.get());
   process_.write(row_.get(), now.z, flow_.w(tau, now), contact_, mu_);
 }

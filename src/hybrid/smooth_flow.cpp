@@ -135,7 +135,7 @@ SmoothFlow::SmoothFlow(const LinearSystem& system, const RelativeDegree& degree,
 
 // Outputs ------------------------------------------------------------------------------------------------
 
-void SmoothFlow::find_outputs(double t, Vec x, Outputs& to) {
+void SmoothFlow::evaluate_forcing(double t) {
   forcing_.evaluate(t, g_.get());
   for (int i = 1; offset_ != nullptr && i <= degree_.highest; ++i) {  // the (i-1)-th derivative on level i
     check(VecSet(w_now_.get(), 0.0));
@@ -145,6 +145,10 @@ void SmoothFlow::find_outputs(double t, Vec x, Outputs& to) {
     for (std::size_t a = 0; a < constraints(); ++a)
       if (i <= levels(a)) g[static_cast<PetscInt>(at(a, i))] += moved[static_cast<PetscInt>(a)];
   }
+}
+
+void SmoothFlow::find_outputs(double t, Vec x, Outputs& to) {
+  evaluate_forcing(t);
   check(MatMultAdd(degree_.Z.get(), x, g_.get(), outputs_.get()));
   copy_to(outputs_.get(), to.z);
   {
@@ -209,7 +213,7 @@ bool SmoothFlow::place(double t, Vec x, const std::vector<char>& known) {
 void SmoothFlow::pull_in(Vec x) {
   if (!any_at_wall_) return;
   check(VecCopy(x, work_.get()));
-  move_to_walls(x);
+  move_to_walls(x, leading_);
   const ReadArray before(work_.get());
   const WriteArray now(x);
   for (PetscInt i = 0; i < now.size(); ++i) {
@@ -219,7 +223,7 @@ void SmoothFlow::pull_in(Vec x) {
 }
 
 // A direction of a level moves outputs of its own depth r - i and of lesser ones: deepest first.
-void SmoothFlow::move_to_walls(Vec x) {
+void SmoothFlow::move_to_walls(Vec x, const std::vector<int>& leading) {
   const int sweeps = forces_.coupled() ? 2 * degree_.highest : 1;
   std::vector<char> set(constraints());
   Numbers defect(constraints());
@@ -230,7 +234,7 @@ void SmoothFlow::move_to_walls(Vec x) {
       const ReadArray z(outputs_.get());
       for (std::size_t a = 0; a < constraints(); ++a) {
         const int level = levels(a) - depth;
-        set[a] = level >= 1 && level <= leading_[a] ? 1 : 0;
+        set[a] = level >= 1 && level <= leading[a] ? 1 : 0;
         defect[a] = set[a] == 0 ? 0.0
                                 : z[static_cast<PetscInt>(at(a, level))] -
                                       (level == 1 && wall_[a] == Side::upper ? upper_[a] : 0.0);
@@ -242,7 +246,7 @@ void SmoothFlow::move_to_walls(Vec x) {
       for (std::size_t a = 0; a < constraints(); ++a)
         for (int i = 1; i <= levels(a); ++i) {
           double& value = z[static_cast<PetscInt>(at(a, i))];
-          if (i > leading_[a] || (forces_.coupled() && levels(a) - i != depth))
+          if (i > leading[a] || (forces_.coupled() && levels(a) - i != depth))
             value = 0.0;
           else if (forces_.coupled())
             value = -defect[a] * degree_.markov_diagonal[a];
@@ -712,6 +716,15 @@ Outputs SmoothFlow::outputs(double tau, Vec x) {
     }
   }
   return now;
+}
+
+void SmoothFlow::hold(double tau, Vec x) {
+  if (!any_contact_) return;
+  evaluate_forcing(t_ + tau);
+  std::vector<int> held(constraints(), 0);
+  for (std::size_t a = 0; a < constraints(); ++a)
+    if (contact_[a] != Side::none) held[a] = levels(a);
+  move_to_walls(x, held);
 }
 
 Numbers SmoothFlow::w(double tau, const Outputs& outputs) const {

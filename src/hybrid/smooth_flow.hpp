@@ -82,6 +82,8 @@ public:
   Vec summed() const { return bound_.get(); }
   /// At time t + tau in the state x(tau).
   Outputs outputs(double tau, Vec x);
+  /// Puts outputs of contacts exactly to their walls in x(tau).
+  void hold(double tau, Vec x);
   std::vector<double> w(double tau, const Outputs& outputs) const;
   /// Adds the integrals of the multipliers from `from` to `to`.
   void add_measures(double from, double to, std::vector<double>& mu) const;
@@ -115,13 +117,14 @@ private:
   bool decide(int k);
   bool find_multipliers(int k);
   bool refine_rate(int k);
-  void move_to_walls(Vec x);
+  void move_to_walls(Vec x, const std::vector<int>& leading);
   void reset_terms(Vec x);
   void count_term(int k);
   void find_coupling();
   double left_out(double length) const;
   double longest(double length) const;
   bool forcing_negligible(double length, int k) const;
+  void evaluate_forcing(double t);
   void find_outputs(double t, Vec x, Outputs& to);
   std::vector<double> distance(std::size_t a, Side wall) const;
   std::optional<double> event_of(std::size_t a, double length) const;
