@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
 #include <utility>
 
 #include "dvi/affine_vi.hpp"
@@ -13,10 +15,9 @@ namespace sweepvi {
 
 namespace {
 
-constexpr std::size_t dense_limit = 64;  // constraints
+constexpr std::size_t largest_group = 64;
 constexpr std::size_t most_factors = 6;  // kept
 constexpr int most_guesses = 20;         // active sets tried from a start
-constexpr double dependent = 1e-13;      // a pivot below this, relative to the largest entry, is none
 
 bool anywhere(MPI_Comm comm, bool here) {
   int found = here ? 1 : 0;
@@ -57,7 +58,6 @@ ContactForces::ContactForces(const LinearSystem& system, const RelativeDegree& d
   upper_.assign(degree.degree.size(), PETSC_INFINITY);
   if (system.wmax) get(system.wmax.get(), upper_);
   bool coupled = false, zero = false;
-  const PetscInt first = row_range(degree.markov.get()).first;
   for_each_row(degree.markov.get(), [&](PetscInt row, auto columns, auto values) {
     double diagonal = 0.0;
     for (std::size_t k = 0; k < columns.size(); ++k) {
@@ -69,18 +69,7 @@ ContactForces::ContactForces(const LinearSystem& system, const RelativeDegree& d
   zero_diagonal_ = anywhere(comm_, zero);
   coupled_ = anywhere(comm_, coupled) || zero_diagonal_;
   if (!coupled_) return;
-  int ranks = 1;
-  MPI_Comm_size(comm_, &ranks);
-  const std::size_t count = degree.degree.size();
-  dense_ = ranks == 1 && count <= dense_limit;
-  if (dense_) {
-    dense_matrix_.assign(count, std::vector<double>(count, 0.0));
-    for_each_row(degree.markov.get(), [&](PetscInt row, auto columns, auto values) {
-      for (std::size_t k = 0; k < columns.size(); ++k)
-        dense_matrix_[static_cast<std::size_t>(row - first)][static_cast<std::size_t>(columns[k])] =
-            values[k];
-    });
-  }
+  find_groups();
   Matrix squares;
   RowBuilder rows;
   for_each_row(degree.markov.get(), [&](PetscInt, auto columns, auto values) {
@@ -150,70 +139,105 @@ Matrix ContactForces::masked(const std::vector<char>& set) const {
   return rows.finish(comm_, range.size());
 }
 
-// Gaussian elimination with complete pivoting: lu holds the reduced matrix, row by row of the whole.
-bool ContactForces::factor_dense(Factor& factor) const {
-  std::vector<std::size_t> rows, columns;
-  for (std::size_t a = 0; a < factor.set.size(); ++a)
-    if (factor.set[a] != 0) rows.push_back(a);
-  columns = rows;
-  const std::size_t size = rows.size();
-  std::vector<double>& lu = factor.lu;
-  lu.resize(size * size);
-  double largest = 0.0;
-  for (std::size_t i = 0; i < size; ++i)
-    for (std::size_t j = 0; j < size; ++j) {
-      lu[i * size + j] = dense_matrix_[rows[i]][columns[j]];
-      largest = std::max(largest, std::abs(lu[i * size + j]));
-    }
-  std::size_t rank = 0;
-  for (; rank < size; ++rank) {
-    std::size_t p = rank, q = rank;
-    for (std::size_t i = rank; i < size; ++i)
-      for (std::size_t j = rank; j < size; ++j)
-        if (std::abs(lu[i * size + j]) > std::abs(lu[p * size + q])) {
-          p = i;
-          q = j;
-        }
-    if (!(std::abs(lu[p * size + q]) > dependent * largest)) break;
-    std::swap(rows[rank], rows[p]);
-    std::swap(columns[rank], columns[q]);
-    for (std::size_t j = 0; j < size && p != rank; ++j)
-      std::swap(lu[rank * size + j], lu[p * size + j]);
-    for (std::size_t i = 0; i < size && q != rank; ++i)
-      std::swap(lu[i * size + rank], lu[i * size + q]);
-    for (std::size_t i = rank + 1; i < size; ++i) {
-      const double multiple = lu[i * size + rank] /= lu[rank * size + rank];
-      for (std::size_t j = rank + 1; j < size && multiple != 0.0; ++j)
-        lu[i * size + j] -= multiple * lu[rank * size + j];
-    }
-  }
-  factor.row = rows;
-  factor.column = columns;
-  factor.column.resize(rank);
-  return true;
+// Of all ranks, one after the other.
+std::vector<double> ContactForces::from_all(const std::vector<double>& own) const {
+  std::vector<double> all(static_cast<std::size_t>(begins_.back() + counts_.back()));
+  MPI_Allgatherv(own.data(), static_cast<int>(own.size()), MPI_DOUBLE, all.data(), counts_.data(),
+                 begins_.data(), MPI_DOUBLE, comm_);
+  return all;
 }
 
-void ContactForces::solve_dense(const Factor& factor, std::vector<double>& values) const {
-  const std::size_t size = factor.row.size(), rank = factor.column.size();
-  std::vector<double> y(rank);
-  for (std::size_t i = 0; i < rank; ++i) {
-    y[i] = values[factor.row[i]];
-    for (std::size_t j = 0; j < i; ++j)
-      y[i] -= factor.lu[i * size + j] * y[j];
+// One group of all constraints on every rank.
+void ContactForces::gather_all() {
+  const std::size_t total = static_cast<std::size_t>(begins_.back() + counts_.back());
+  const LocalRange range = row_range(degree_.markov.get());
+  Group all;
+  for (std::size_t column = 0; column < total; ++column)
+    all.members.push_back(column);
+  all.matrix.assign(total, std::vector<double>(total));
+  for (std::size_t column = 0; column < total; ++column) {
+    std::vector<double> own(grouped_.size(), 0.0);
+    for (std::size_t a = 0; a < own.size(); ++a)
+      for (const auto& [j, value] : get_row(degree_.markov.get(), range.first + static_cast<PetscInt>(a)))
+        if (j == static_cast<PetscInt>(column)) own[a] = value;
+    const std::vector<double> entries = from_all(own);
+    for (std::size_t row = 0; row < total; ++row)
+      all.matrix[row][column] = entries[row];
   }
-  for (std::size_t i = rank; i-- > 0;) {
-    for (std::size_t j = i + 1; j < rank; ++j)
-      y[i] -= factor.lu[i * size + j] * y[j];
-    y[i] /= factor.lu[i * size + i];
-  }
-  std::fill(values.begin(), values.end(), 0.0);
-  for (std::size_t i = 0; i < rank; ++i)
-    values[factor.column[i]] = y[i];
+  groups_.push_back(std::move(all));
+  grouped_.assign(grouped_.size(), 1);
 }
 
-ContactForces::Factor* ContactForces::factor(const std::vector<char>& set) {
+// The connected parts of M's graph, where they are small and this rank's own.
+void ContactForces::find_groups() {
+  const LocalRange range = row_range(degree_.markov.get());
+  const std::size_t count = degree_.degree.size();
+  grouped_.assign(count, 0);
+  int ranks = 1;
+  MPI_Comm_size(comm_, &ranks);
+  counts_.resize(static_cast<std::size_t>(ranks));
+  const auto own = static_cast<int>(count);
+  MPI_Allgather(&own, 1, MPI_INT, counts_.data(), 1, MPI_INT, comm_);
+  begins_.resize(counts_.size(), 0);
+  std::partial_sum(counts_.begin(), counts_.end() - 1, begins_.begin() + 1);
+  const int total = begins_.back() + counts_.back();
+  together_ = ranks > 1 && static_cast<std::size_t>(total) <= largest_group;
+  if (together_) {
+    gather_all();
+    return;
+  }
+  // What reads whom, and the other way round; columns of other ranks: `far`.
+  constexpr std::size_t far = std::numeric_limits<std::size_t>::max();
+  const Matrix reversed = transpose(degree_.markov.get());
+  std::vector<std::vector<std::size_t>> neighbours(count);
+  for (Mat matrix : {degree_.markov.get(), reversed.get()})
+    for_each_row(matrix, [&](PetscInt row, auto columns, auto values) {
+      for (std::size_t k = 0; k < columns.size(); ++k)
+        if (values[k] != 0.0 && columns[k] != row)
+          neighbours[static_cast<std::size_t>(row - range.first)].push_back(
+              columns[k] >= range.first && columns[k] < range.last
+                  ? static_cast<std::size_t>(columns[k] - range.first)
+                  : far);
+    });
+  std::vector<char> seen(count, 0);
+  int single = 0;
+  for (std::size_t a = 0; a < count; ++a) {
+    if (seen[a] != 0) continue;
+    seen[a] = 1;
+    std::vector<std::size_t> members{a};
+    bool own_only = true;
+    for (std::size_t k = 0; k < members.size(); ++k)
+      for (const std::size_t b : neighbours[members[k]]) {
+        if (b == far)
+          own_only = false;
+        else if (std::exchange(seen[b], 1) == 0)
+          members.push_back(b);
+      }
+    if (!own_only || members.size() > largest_group) {
+      single = 1;
+      continue;
+    }
+    std::sort(members.begin(), members.end());
+    Group group{members, {}};
+    for (const std::size_t b : members) {
+      grouped_[b] = 1;
+      group.matrix.emplace_back(members.size(), 0.0);
+      for (const auto& [column, value] :
+           get_row(degree_.markov.get(), range.first + static_cast<PetscInt>(b)))
+        if (value != 0.0)
+          group.matrix.back()[static_cast<std::size_t>(
+              std::lower_bound(members.begin(), members.end(),
+                               static_cast<std::size_t>(column - range.first)) -
+              members.begin())] = value;
+    }
+    groups_.push_back(std::move(group));
+  }
+  any_single_ = anywhere(comm_, single != 0);
+}
+
+ContactForces::Factor& ContactForces::factor(const std::vector<char>& set) {
   for (Factor& known : factors_)
-    if (!anywhere(comm_, known.set != set)) return &known;
+    if (!anywhere(comm_, known.set != set)) return known;
   if (factors_.size() < most_factors) {
     factors_.emplace_back();
     next_ = factors_.size() - 1;
@@ -223,8 +247,18 @@ ContactForces::Factor* ContactForces::factor(const std::vector<char>& set) {
   Factor& fresh = factors_[next_];
   fresh = Factor{};
   fresh.set = set;
-  if (dense_) return factor_dense(fresh) ? &fresh : nullptr;
-  fresh.matrix = masked(set);
+  std::vector<char> members = set;
+  if (together_) {
+    const std::vector<double> all = from_all({set.begin(), set.end()});
+    members.assign(all.begin(), all.end());
+  }
+  for (const Group& group : groups_)
+    fresh.groups.emplace_back(group.matrix, group.members, members);
+  if (!any_single_) return fresh;
+  std::vector<char> single = set;
+  for (std::size_t a = 0; a < set.size(); ++a)
+    if (grouped_[a] != 0) single[a] = 0;
+  fresh.matrix = masked(single);
   check(KSPCreate(comm_, fresh.solver.put()));
   check(KSPSetOptionsPrefix(fresh.solver.get(), "sweepvi_contact_"));
   default_to_mumps(fresh.solver.get());
@@ -236,7 +270,7 @@ ContactForces::Factor* ContactForces::factor(const std::vector<char>& set) {
   if (ranks == 1 && !zero_diagonal_) check(PCFactorSetMatSolverType(pc, MATSOLVERPETSC));
   check_options(KSPSetFromOptions(fresh.solver.get()));
   check(KSPSetOperators(fresh.solver.get(), fresh.matrix.get(), fresh.matrix.get()));
-  return &fresh;
+  return fresh;
 }
 
 bool ContactForces::solve(const std::vector<char>& set, std::vector<double>& values) {
@@ -245,19 +279,29 @@ bool ContactForces::solve(const std::vector<char>& set, std::vector<double>& val
       values[a] = set[a] != 0 ? values[a] / degree_.markov_diagonal[a] : 0.0;
     return true;
   }
-  Factor* with = factor(set);
-  if (dense_) {
-    solve_dense(*with, values);
+  Factor& with = factor(set);
+  if (together_) {
+    const std::vector<double> right = from_all(values);
+    std::vector<double> all(right.size(), 0.0);
+    with.groups[0].solve(right, all);
+    int rank = 0;
+    MPI_Comm_rank(comm_, &rank);
+    std::copy_n(all.begin() + begins_[static_cast<std::size_t>(rank)], values.size(), values.begin());
     return true;
   }
+  const std::vector<double> right = values;
   for (std::size_t a = 0; a < values.size(); ++a)
-    if (set[a] == 0) values[a] = 0.0;
-  put(values, in_.get());
-  if (!sweepvi::solve(with->solver.get(), with->matrix.get(), in_.get(), out_.get())) {
-    with->set.assign(set.size(), 2);  // of no set
-    return false;
+    if (set[a] == 0 || grouped_[a] != 0) values[a] = 0.0;
+  if (any_single_) {
+    put(values, in_.get());
+    if (!sweepvi::solve(with.solver.get(), with.matrix.get(), in_.get(), out_.get())) {
+      with.set.assign(set.size(), 2);  // of no set
+      return false;
+    }
+    get(out_.get(), values);
   }
-  get(out_.get(), values);
+  for (const PivotedLu& group : with.groups)
+    group.solve(right, values);
   return true;
 }
 

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "hybrid/pivoted_lu.hpp"
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/linear_system.hpp"
 #include "sweepvi/petsc.hpp"
@@ -20,10 +21,11 @@ enum class Role : signed char {
 
 /// Problems in multipliers with the leading Markov matrix M: rest = a + M lambda.
 ///
-/// Small ones on one rank are solved densely with complete pivoting, rows that depend on earlier ones get the
-/// multiplier 0; others by PETSc (prefix sweepvi_contact_). Complementary ones are tried by active sets, from
-/// who was in contact last and from nobody, and then go to a StepSolver, certified like any step. All methods
-/// are collective.
+/// Groups of up to 64 constraints that M couples to each other only are solved densely with complete
+/// pivoting, rows that depend on earlier ones get the multiplier 0; larger ones, and those over several ranks
+/// where there are more than 64 constraints in all, by PETSc (prefix sweepvi_contact_). Complementary ones
+/// are tried by active sets, from who was in contact last and from nobody, and then go to a StepSolver,
+/// certified like any step. All methods are collective.
 class ContactForces {
 public:
   ContactForces(const LinearSystem& system, const RelativeDegree& degree);
@@ -48,17 +50,22 @@ public:
   std::vector<double> negligible(const std::vector<double>& small);
 
 private:
+  /// Constraints that M couples to no other ones.
+  struct Group {
+    std::vector<std::size_t> members;         // of the vectors that it is solved in
+    std::vector<std::vector<double>> matrix;  // of members
+  };
   struct Factor {
     std::vector<char> set;
-    Matrix matrix;
+    std::vector<PivotedLu> groups;
+    Matrix matrix;  // of those in no group
     LinearSolver solver;
-    std::vector<double> lu;                // dense: factors, by steps of elimination
-    std::vector<std::size_t> row, column;  // dense: pivots
   };
-  Factor* factor(const std::vector<char>& set);
-  bool factor_dense(Factor& factor) const;
-  void solve_dense(const Factor& factor, std::vector<double>& values) const;
+  void find_groups();
+  void gather_all();
+  Factor& factor(const std::vector<char>& set);
   Matrix masked(const std::vector<char>& set) const;
+  std::vector<double> from_all(const std::vector<double>& own) const;
   struct Problem {
     const std::vector<Role>& roles;
     const std::vector<double>&a, &small, least;
@@ -70,10 +77,13 @@ private:
   MPI_Comm comm_;
   const RelativeDegree& degree_;
   bool coupled_ = false, zero_diagonal_ = false;
-  bool dense_ = false;
-  std::vector<double> upper_;                      // walls
-  std::vector<std::vector<double>> dense_matrix_;  // where dense_
-  std::vector<Factor> factors_;                    // of the sets seen last
+  bool together_ = false;      // one group of all constraints, the same on every rank
+  bool any_single_ = false;    // some constraint, on some rank, is in no group
+  std::vector<char> grouped_;  // own constraints
+  std::vector<Group> groups_;
+  std::vector<int> counts_, begins_;  // of each rank's constraints, where together_
+  std::vector<double> upper_;         // walls
+  std::vector<Factor> factors_;       // of the sets seen last
   std::size_t next_ = 0;
   Matrix abs_markov_;
   std::vector<double> squares_;  // of each column of M

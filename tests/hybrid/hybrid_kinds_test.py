@@ -213,6 +213,21 @@ class HybridKinds(unittest.TestCase):
         # Between two rows, which nobody looks at before the run.
         self.assertIn("bounds of component 0 meet or cross", self.run_model(model, 7.2, 7.2, code=3).err)
 
+    def test_contacts_that_depend_on_each_other(self):
+        """Opposite faces that move together hold u_i = sin t, whatever pushes; only the difference of their measures is known."""
+        for count, ranks in ((1, 2), (3, 1), (60, 1)):
+            wave, back = ({"amplitude": s, "frequency": 0.5 / math.pi} for s in (1.0, -1.0))
+            rows = np.zeros((2 * count, count))
+            rows[range(0, 2 * count, 2), range(count)] = 1
+            rows[range(1, 2 * count, 2), range(count)] = -1
+            push = (-1.0) ** np.arange(count) * 3
+            model = {"kind": "sweeping", "u0": [0.0] * count, "G": rows, "g": [wave, back] * count, "f": push}
+            with self.subTest(count=count, ranks=ranks):
+                data = self.run_model(model, 6.0, 0.5, tolerance=1e-12, ranks=ranks)
+                np.testing.assert_allclose(data["x"], np.sin(data["t"])[:, None] * np.ones(count), rtol=0, atol=1e-13)
+                mu = np.cumsum(data["mu"].reshape(len(data["t"]), count, 2), axis=0)
+                np.testing.assert_allclose(mu[..., 0] - mu[..., 1], np.sin(data["t"])[:, None] - push * data["t"][:, None], rtol=0, atol=1e-11)
+
     # Masses -------------------------------------------------------------------------------------------
 
     def test_energy_between_two_walls(self):
