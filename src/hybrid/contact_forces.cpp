@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "dvi/affine_vi.hpp"
+#include "petsc/agreement.hpp"
 #include "petsc/direct_solver.hpp"
 #include "petsc/sparse.hpp"
 #include "sweepvi/step_solver.hpp"
@@ -18,12 +19,6 @@ namespace {
 constexpr std::size_t largest_group = 64;
 constexpr std::size_t most_factors = 6;  // kept
 constexpr int most_guesses = 20;         // active sets tried from a start
-
-bool anywhere(MPI_Comm comm, bool here) {
-  int found = here ? 1 : 0;
-  MPI_Allreduce(MPI_IN_PLACE, &found, 1, MPI_INT, MPI_LOR, comm);
-  return found != 0;
-}
 
 void put(const std::vector<double>& values, Vec to) {
   const WriteArray array(to);

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "dvi/level_state.hpp"
+#include "petsc/agreement.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -22,12 +23,6 @@ constexpr double smaller_part = 1e-3;  // what is left out of all series
 constexpr double noise = 1e-15;        // a flight below it is rounding
 constexpr double growth = 4.0;         // of the length that is tried, from series to series
 constexpr double epsilon = 1.1102230246251565e-16;
-
-bool anywhere(MPI_Comm comm, bool here) {
-  int found = here ? 1 : 0;
-  MPI_Allreduce(MPI_IN_PLACE, &found, 1, MPI_INT, MPI_LOR, comm);
-  return found != 0;
-}
 
 // +1 or -1, without pattern, the same whatever the ranks.
 double coin(std::uint64_t number, std::uint64_t time) {

@@ -3,6 +3,7 @@
 #include "model/coupling_graph.hpp"
 #include "model/dense_parts.hpp"
 #include "model/golden_fraction.hpp"
+#include "petsc/agreement.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -27,12 +28,6 @@ Signal ChainSpec::force(std::size_t k, std::int64_t i) const {
 }
 
 namespace {
-
-bool anywhere(MPI_Comm comm, bool here) {
-  int any = here ? 1 : 0;
-  MPI_Allreduce(MPI_IN_PLACE, &any, 1, MPI_INT, MPI_LOR, comm);
-  return any != 0;
-}
 
 /// Makes this rank's rows of a chain, one element after the other.
 class ChainBuilder {

@@ -11,6 +11,7 @@
 #include "model/bounded_rows.hpp"
 #include "model/constraint_names.hpp"
 #include "model/pivots.hpp"
+#include "petsc/agreement.hpp"
 #include "petsc/sparse.hpp"
 
 namespace sweepvi {
@@ -32,13 +33,6 @@ void drop_rounding(SparseRow& row, const SparseRow& magnitude) {
     const bool known = terms != magnitude.end() && terms->first == entry.first;
     return std::abs(entry.second) <= (known ? rounding * terms->second : 0.0);
   });
-}
-
-bool anywhere(MPI_Comm comm, bool here) {
-  int mine = here ? 1 : 0;
-  int any = 0;
-  MPI_Allreduce(&mine, &any, 1, MPI_INT, MPI_LOR, comm);
-  return any != 0;
 }
 
 // What one level of a constraint shows: its row C_a A^{i-1} B.
