@@ -15,7 +15,8 @@ namespace {
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr int most_corrections = 60;   // with changes of sets
-constexpr double of_terms = 1e-26;     // of a row's terms: its residual vanishes, in twofold arithmetic
+constexpr double evaluation = 1e-31;   // of a row's terms: what twofold arithmetic rounds in its residual
+constexpr double vanishing = 1e-29;    // the same, when corrections, themselves rounded, have ended
 constexpr double contracts = 1e-3;     // a correction, over the terms of the rows that it changes
 constexpr double newton_stays = 1e-6;  // the same, of a nonlinear step
 constexpr double same = 1e-12;         // F by K and q, and by the process
@@ -67,7 +68,8 @@ double Refinement::most(double value) const {
   return value;
 }
 
-// weights_ = |K|' (1 / allowed): what a distance changes in the rows that read it.
+// How near 0 residuals can be told, or need be; weights_ = |K|' (1 / allowed): what a distance changes in the
+// rows that read it.
 void Refinement::weigh(double rtol) {
   {
     const ReadArray data(data_.get());
@@ -75,7 +77,7 @@ void Refinement::weigh(double rtol) {
     const WriteArray allowed(allowed_.get());
     const WriteArray inverse(right_.get());
     for (PetscInt i = 0; i < data.size(); ++i) {
-      allowed[i] = std::max({rtol * data[i], of_terms * terms[i], negligible_residual});
+      allowed[i] = std::max({rtol * data[i], vanishing * terms[i], negligible_residual});
       inverse[i] = 1.0 / allowed[i];
     }
   }
@@ -165,15 +167,79 @@ bool Refinement::iterate(double rtol, double shift) {
     weigh(rtol);
     const Excess excess = evaluate(rtol);
     if (std::isnan(excess.terms) || excess.terms == HUGE_VAL) return false;
-    const double reached = std::min(excess.data, step <= contracts ? excess.terms : excess.data);
-    if (!excess.changed && reached <= 1.0) return true;
+    if (!excess.changed && excess.data <= 1.0) return true;
+    if (!excess.changed && excess.terms <= 1.0 && step <= contracts) return driven_by_data(rtol);
     if (!excess.changed && !(excess.terms <= 0.5 * previous)) return false;
     previous = excess.changed ? std::numeric_limits<double>::infinity() : excess.terms;
     if ((!factored_ || excess.changed) && !factor(shift)) return false;
     if (!correct()) return false;
+    const double last = excess.changed ? std::numeric_limits<double>::infinity() : step;
     step = size_of_step();
+    if (step > contracts && !(step <= 0.5 * last))
+      return false;  // u runs away: its terms grow, not shrinks F
   }
   return false;
+}
+
+// Whether rounding that is left in rows without data of that size, rho, is nothing to what data make of u:
+// see the formula in the header. What no data reach is 0 in one of the solutions.
+bool Refinement::driven_by_data(double rtol) {
+  if (!factored_) return false;
+  const Vector rho = duplicate(from_.get());
+  const Vector by_rho = duplicate(from_.get());
+  const Vector by_data = duplicate(from_.get());
+  check(VecSet(by_rho.get(), 0.0));
+  check(VecSet(by_data.get(), 0.0));
+  {
+    const ReadArray data(data_.get());
+    const ReadArray terms(terms_.get());
+    const WriteArray left(rho.get());
+    for (PetscInt i = 0; i < left.size(); ++i) {
+      const double unseen = (vanishing + evaluation) * terms[i];
+      left[i] = unseen > rtol * data[i] ? unseen : 0.0;
+    }
+  }
+  for (int probe = 0; probe < probes; ++probe)
+    if (!respond(rho.get(), probe, by_rho.get()) || !respond(own_.get(), probe, by_data.get())) return false;
+  double worst = 0.0;
+  {
+    const ReadArray left(rho.get());
+    const ReadArray noise(by_rho.get());
+    const ReadArray driven(by_data.get());
+    for (PetscInt i = 0; i < left.size(); ++i)
+      if (driven[i] > 0.0 && !(noise[i] <= rtol * driven[i])) worst = 1.0;
+  }
+  return most(worst) == 0.0;
+}
+
+// What J^-1 makes of changes of rows by `size`, in random directions, in each row: of its terms where u is
+// between its bounds, of its sum where F is what bounds hold. The most of it so far.
+bool Refinement::respond(Vec size, int probe, Vec most_so_far) {
+  const PetscInt first = row_range(K_.get()).first;
+  const auto sign = [&](PetscInt i) { return sign_of(first + i, probe); };
+  {
+    const ReadArray sizes(size);
+    const WriteArray right(right_.get());
+    for (PetscInt i = 0; i < right.size(); ++i)
+      right[i] = place_[static_cast<std::size_t>(i)] == between ? sizes[i] * sign(i) : 0.0;
+  }
+  if (!sweepvi::solve(solver_.get(), J_.get(), right_.get(), step_.get())) {
+    factored_ = false;
+    return false;
+  }
+  const Vector sums = duplicate(step_.get());
+  check(MatMult(K_.get(), step_.get(), sums.get()));
+  check(VecAbs(step_.get()));
+  check(MatMult(abs_K_.get(), step_.get(), right_.get()));
+  const ReadArray sizes(size);
+  const ReadArray sum(sums.get());
+  const ReadArray terms(right_.get());
+  const WriteArray result(most_so_far);
+  for (PetscInt i = 0; i < result.size(); ++i) {
+    const bool free = place_[static_cast<std::size_t>(i)] == between;
+    result[i] = std::max(result[i], free ? terms[i] : std::abs(sum[i] - sign(i) * sizes[i]));
+  }
+  return true;
 }
 
 // F in f_, places, and how far rows are from what is allowed.
@@ -197,14 +263,16 @@ Refinement::Excess Refinement::evaluate(double rtol) {
   {
     const ReadArray f(f_.get());
     const ReadArray data(data_.get());
+    const ReadArray terms(terms_.get());
     const ReadArray allowed(allowed_.get());
     for (PetscInt i = 0; i < f.size(); ++i) {
       const Place where = place_[static_cast<std::size_t>(i)];
       const double wrong = where == between    ? std::abs(f[i])
                            : where == at_lower ? std::max(0.0, -f[i])
                                                : std::max(0.0, f[i]);
-      if (wrong <= negligible_residual) continue;
-      const double over[2] = {wrong / (rtol * data[i]), wrong / allowed[i]};
+      const double error = evaluation * terms[i];
+      if (wrong + error <= negligible_residual || (wrong == 0.0 && std::abs(f[i]) > error)) continue;
+      const double over[2] = {(wrong + error) / (rtol * data[i]), wrong / allowed[i]};
       for (int k = 0; k < 2; ++k)
         if (!(over[k] <= worst[k])) worst[k] = std::isnan(over[k]) ? HUGE_VAL : over[k];
     }
@@ -263,8 +331,14 @@ bool Refinement::factor(double shift) {
   check(MatCopy(K_.get(), J_.get(), SAME_NONZERO_PATTERN));
   const PetscInt first = row_range(K_.get()).first;
   std::vector<PetscInt> held;
-  for (std::size_t i = 0; i < place_.size(); ++i)
-    if (place_[i] != between) held.push_back(first + static_cast<PetscInt>(i));
+  double open = 0.0;  // rows that read nothing determine nothing: their u stays
+  for (std::size_t i = 0; i < place_.size(); ++i) {
+    const auto entries = rows_->rows().entries(static_cast<PetscInt>(i));
+    const bool reads =
+        std::any_of(entries.begin(), entries.end(), [](const auto& e) { return e.value != 0.0; });
+    if (place_[i] == between && !reads) open = 1.0;
+    if (place_[i] != between || !reads) held.push_back(first + static_cast<PetscInt>(i));
+  }
   check(MatZeroRows(J_.get(), static_cast<PetscInt>(held.size()), held.data(), 1.0, nullptr, nullptr));
   if (shift > 0.0) {
     {
@@ -279,7 +353,7 @@ bool Refinement::factor(double shift) {
     check(MatDiagonalSet(J_.get(), right_.get(), ADD_VALUES));
   }
   factored_ = true;
-  shifted_ = shift > 0.0;
+  determined_ = most(open) == 0.0 && shift == 0.0;
   return true;
 }
 
@@ -344,8 +418,7 @@ bool Refinement::nonlinear_near(Vec u) {
 }
 
 std::optional<Vector> Refinement::error() {
-  if (!affine_ || shifted_) return std::nullopt;
-  if (!factored_ && !factor(0.0)) return std::nullopt;
+  if (!affine_ || (!factored_ && !factor(0.0)) || !determined_) return std::nullopt;
   Vector error = duplicate(from_.get());
   check(VecWAXPY(error.get(), -1.0, from_.get(), hi_.get()));
   check(VecAbs(error.get()));

@@ -16,8 +16,17 @@ namespace sweepvi {
 ///     J c = -(K u + q)     J: K with identity rows where u is at a bound
 ///
 /// by a factorization in double precision; sets of unknowns at bounds change by the signs of residuals that
-/// rounding no longer hides. It is solved where each row's natural residual is at most rtol D_i (RowData), or
-/// 1e-26 of its terms where corrections contract: what is left of a row with no data of its own.
+/// rounding no longer hides. Corrections contract, or it is given up: where u runs away its terms grow, and
+/// relative to those any residual shrinks. It is solved where each row's natural residual, with what twofold
+/// arithmetic rounds in it, 1e-31 T, is at most rtol D (RowData). Rows without such data of their own - far
+/// from those that drive them - are as near 0 as that arithmetic tells, rho = 1e-29 T, if that is nothing to
+/// what data d make of u:
+///
+///     |K| |J^-1 (s rho)|  <=  rtol |K| |J^-1 (s d)|    s: random signs; in each row that d reaches,
+///
+/// in rows at bounds |K J^-1 (s d) - s d| instead, and with rho. Along a null direction of J, J^-1 is almost
+/// z y' / sigma, y'K = 0 = K z, and the test says |y|'rho <= rtol |y|'d: it is in nobody's units, and holds
+/// for no y that proves the rows unsolvable by more than rtol |y|'d.
 ///
 /// A singular J (repeated rows that agree, say) gets a small multiple of each row's entries on its diagonal;
 /// the residual still contracts where a solution exists. Where there is none, no u makes it small: for every
@@ -58,6 +67,8 @@ private:
   };
   bool take_affine(Vec u);
   bool iterate(double rtol, double shift);
+  bool driven_by_data(double rtol);
+  bool respond(Vec size, int probe, Vec most_so_far);
   bool nonlinear_near(Vec u);
   void start(Vec u);
   Excess evaluate(double rtol);
@@ -77,7 +88,7 @@ private:
   Vec lower_ = nullptr, upper_ = nullptr;
   Vector from_, own_, q_, data_, terms_, hi_, lo_, f_, allowed_, weights_, right_, step_;
   std::vector<Place> place_;
-  bool affine_ = false, factored_ = false, shifted_ = false, moved_ = false;
+  bool affine_ = false, factored_ = false, determined_ = false, moved_ = false;
 };
 
 }  // namespace sweepvi

@@ -44,6 +44,49 @@ TEST(Data, WhoContradictsWhomIsNamed) {
   }
 }
 
+// Four dimensions of u change no row of K, and rows exclude every u (in rationals, by enumeration). At 1e15
+// corrections gain u 15 digits each, so that at 1e30 the residual is 1e-27 of the terms, in which doubled
+// precision rounds by more than all data.
+TEST(Data, GrowingTermsAreNoContraction) {
+  MatrixXd K(8, 8);
+  K << 13, 2, 21, -2, 6, 15, 5, 3,  //
+      -14, 5, -2, -9, -9, -25, 2, -4, -21, 2, 9, -4, -8, -1, -35, 3, 2, 11, -10, 7, -1, -7, 30, -8, 6, 3, 6,
+      3, 3, 9, 6, 0, -3, 19, -9, 19, -1, 10, 23, -9, 11, -2, 33, -28, 0, -21, 13, 3, 1, 0, -1, 6, 2, 11, -5,
+      1;
+  DataProblem problem(8);
+  for (std::size_t i = 0; i < 8; ++i)
+    for (std::size_t j = 0; j < 8; ++j)
+      problem.rows[i][static_cast<PetscInt>(j)] = K(static_cast<Index>(i), static_cast<Index>(j));
+  problem.q = {0, 3, 0, 2, -2, 0, 2, -3};
+  problem.free = {0, 0, 0, 0, 1, 0, 1, 0};
+  problem.u0 = {0, 0, 1, -1, 0, 0, 2, 0};
+  const Solved solved = solve(problem);
+  EXPECT_FALSE(solved.report.certified) << "largest u " << solved.u.cwiseAbs().maxCoeff();
+}
+
+// Only the last of these rows has data, and none of the others has any near: a chain in series, pulled at its
+// end. Soft springs among stiff ones, 1 ... 2^30, make rows cancel.
+TEST(Data, RowsFarFromDataAreCertified) {
+  constexpr std::size_t n = 400;
+  for (const bool bounded : {true, false}) {
+    DataProblem problem(n);
+    problem.add(0, 0, 1.0);
+    for (std::size_t i = 1; i < n; ++i) {
+      const double k = i % 3 == 0 ? 0x1p30 : 1.0;
+      problem.add(i, i, k);
+      problem.add(i - 1, i - 1, k);
+      problem.add(i, i - 1, -k);
+      problem.add(i - 1, i, -k);
+    }
+    problem.q[n - 1] = -1.0;
+    problem.free.assign(n, bounded ? 0 : 1);
+    const Solved solved = solve(problem);
+    EXPECT_TRUE(solved.report.certified) << solved.report.reason;
+    // In series: 1 from the ground, and as much in each soft spring; rounding by 1e-16 x 2^30 x n in each.
+    EXPECT_NEAR(solved.u[n - 1], 1.0 + (n - 1 - (n - 1) / 3), 1e-2);
+  }
+}
+
 /// The estimate of the error that goes with a solution: of equations M u = M e, e of ones.
 std::optional<double> estimate(const MatrixXd& M) {
   const Index n = M.rows();
