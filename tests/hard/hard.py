@@ -102,8 +102,12 @@ def main(full, words=(), out=sys.stdout):
 
 
 def random_systems(seed, count=200, out=sys.stdout):
-    """Of each kind; returns how many ended otherwise than they should."""
-    return random_runs.main("steps", seed, count, out=out)
+    """Of each kind, hybrid for each tolerance and with rows of 1e-3 to 1 s; returns how many ended otherwise than they should."""
+    bad = random_runs.main("steps", seed, count, out=out)
+    for tolerance, step in ((1e-4, 1.0), (1e-8, 0.125), (1e-12, 1e-3)):
+        for bouncing in (False, True):
+            bad += random_runs.main("impacts" if bouncing else "events", seed, count, out=out, tolerance=tolerance, step=step, bouncing=bouncing)
+    return bad
 
 
 if __name__ == "__main__":
