@@ -5,7 +5,10 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include "model/definiteness.hpp"
 #include "parallel/gather.hpp"
@@ -111,6 +114,67 @@ double first_singular(const LagrangianSystem& system) {
   return first;
 }
 
+Matrix identity_like(Mat matrix) {
+  const LocalRange range = row_range(matrix);
+  RowBuilder rows;
+  for (PetscInt row = range.first; row < range.last; ++row) {
+    rows.add(row, 1.0);
+    rows.end_row();
+  }
+  return rows.finish(PetscObjectComm(reinterpret_cast<PetscObject>(matrix)), range.size());
+}
+
+/// The largest real Ritz value of a matrix that is an eigenvalue to 1e-6, -inf if there is none: what lies at
+/// the edge of its spectrum is found first.
+/// Source: Arnoldi's method with reorthogonalisation, Saad, Numerical Methods for Large Eigenvalue Problems
+/// (2011), 6.2.
+double real_ritz_value(Mat A) {
+  constexpr int most = 80;
+  constexpr double converged = 1e-6;
+  Vector start;
+  check(MatCreateVecs(A, start.put(), nullptr));
+  {
+    const PetscInt first = row_range(A).first;
+    const WriteArray values(start.get());
+    for (PetscInt i = 0; i < values.size(); ++i)  // without pattern, the same whatever the ranks
+      values[i] = 1.0 + std::fmod(0.6180339887498949 * static_cast<double>(first + i + 1), 1.0);
+  }
+  check(VecNormalize(start.get(), nullptr));
+  std::vector<Vector> basis;
+  basis.push_back(std::move(start));
+  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(most + 1, most);
+  int size = 0;
+  while (size < most) {
+    Vector next = duplicate(basis.front().get());
+    check(MatMult(A, basis.back().get(), next.get()));
+    double before = 0.0;
+    check(VecNorm(next.get(), NORM_2, &before));
+    for (int pass = 0; pass < 2; ++pass)
+      for (std::size_t k = 0; k < basis.size(); ++k) {
+        double part = 0.0;
+        check(VecDot(next.get(), basis[k].get(), &part));
+        check(VecAXPY(next.get(), -part, basis[k].get()));
+        H(static_cast<Eigen::Index>(k), size) += part;
+      }
+    double norm = 0.0;
+    check(VecNorm(next.get(), NORM_2, &norm));
+    H(size + 1, size) = norm;
+    ++size;
+    if (!(norm > 1e-12 * before)) break;  // an invariant subspace
+    check(VecScale(next.get(), 1.0 / norm));
+    basis.push_back(std::move(next));
+  }
+  const Eigen::EigenSolver<Eigen::MatrixXd> ritz(H.topLeftCorner(size, size));
+  double largest = -never;
+  for (int k = 0; k < size; ++k) {
+    const std::complex<double> value = ritz.eigenvalues()(k);
+    const double residual = H(size, size - 1) * std::abs(ritz.eigenvectors()(size - 1, k));
+    if (std::abs(value.imag()) <= converged * std::abs(value) && residual <= converged * std::abs(value))
+      largest = std::max(largest, value.real());
+  }
+  return largest;
+}
+
 }  // namespace
 
 std::string coordinates_text(const LagrangianSystem& system, const std::vector<PetscInt>& rows) {
@@ -166,18 +230,30 @@ std::string check_first_order_step(Mat A, double h, double theta, const std::str
   if (far != 0) return "nonsingular for all smaller steps (diagonally dominant)";
   PetscInt n = 0;
   check(MatGetSize(A, &n, nullptr));
-  if (n > dense_limit)
-    return "not examined: not diagonally dominant, and too large for eigenvalues to be computed";
-  const Eigen::MatrixXd full = dense_on_root(A);
+  const bool large = n > dense_limit;
+  if (large) {  // the symmetric part of I - s h A is definite for all smaller s, if it is
+    const Definiteness found = examine_definiteness(add(identity_like(A).get(), -weighted, A).get());
+    if (found.definite)
+      return fmt::format("nonsingular for all smaller steps (its symmetric part is definite: {})",
+                         found.how_text());
+  }
   double largest = -never;
-  int rank = 0;
-  MPI_Comm_rank(comm, &rank);
-  if (rank == 0) largest = largest_real_eigenvalue(full);
-  MPI_Bcast(&largest, 1, MPI_DOUBLE, 0, comm);
+  if (large) {
+    largest = real_ritz_value(A);
+  } else {
+    const Eigen::MatrixXd full = dense_on_root(A);
+    int rank = 0;
+    MPI_Comm_rank(comm, &rank);
+    if (rank == 0) largest = largest_real_eigenvalue(full);
+    MPI_Bcast(&largest, 1, MPI_DOUBLE, 0, comm);
+  }
   if (weighted * largest > 1.0 + at_the_edge)
     refuse(fmt::format("I - s h theta {} is singular at s = {:.4g}", name, 1.0 / (weighted * largest)), h,
            theta, fmt::format("{} has the real eigenvalue {:.4g} 1/s", name, largest),
            1.0 / (largest * theta));
+  if (large)
+    return "not known: its symmetric part is not definite; Arnoldi's method finds no real eigenvalue beyond "
+           "1/h";
   return "nonsingular for all smaller steps (eigenvalues computed)";
 }
 

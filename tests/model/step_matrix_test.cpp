@@ -40,6 +40,40 @@ LagrangianSystem system_of(const std::vector<double>& M, const std::vector<doubl
       {.M = M, .K = K, .H = H, .q0 = std::vector<double>(n, 1.0), .v0 = std::vector<double>(n, 0.0), .C = C});
 }
 
+/// Blocks [0 1; -k_i 0], k_i = stiffness(i).
+template <class Stiffness>
+Matrix oscillators(PetscInt count, Stiffness&& stiffness) {
+  int rank = 0;
+  int ranks = 1;
+  MPI_Comm_rank(PETSC_COMM_WORLD, &rank);
+  MPI_Comm_size(PETSC_COMM_WORLD, &ranks);
+  const PetscInt first = count * rank / ranks;
+  const PetscInt end = count * (rank + 1) / ranks;
+  RowBuilder rows;
+  for (PetscInt i = first; i < end; ++i) {
+    rows.add(2 * i + 1, 1.0);
+    rows.end_row();
+    rows.add(2 * i, -stiffness(i));
+    rows.end_row();
+  }
+  return rows.finish(PETSC_COMM_WORLD, 2 * (end - first));
+}
+
+TEST(FirstOrderStep, OfALargeSystemIsJudgedByItsEdgeOfTheSpectrum) {
+  constexpr PetscInt count = 400;
+  // Frequencies up to 20, and one that grows by 30 1/s.
+  const Matrix unstable = oscillators(count, [](PetscInt i) { return i == 123 ? -900.0 : double(i + 1); });
+  EXPECT_NEAR(largest_step(refusal([&] { check_first_order_step(unstable.get(), 0.05, 1.0, "A"); })),
+              1.0 / 30.0, 1e-5);
+  EXPECT_NEAR(largest_step(refusal([&] { check_first_order_step(unstable.get(), 0.1, 0.5, "A"); })),
+              2.0 / 30.0, 1e-5);
+  EXPECT_NE(check_first_order_step(unstable.get(), 0.03, 1.0, "A").find("not known"), std::string::npos);
+  // Not dominant, and v' A v <= 2 v' v: definite for all h < 1/2.
+  const Matrix stable = oscillators(count, [](PetscInt i) { return 1.0 + 4.0 * double(i) / count; });
+  EXPECT_NE(check_first_order_step(stable.get(), 0.4, 1.0, "A").find("symmetric part is definite"),
+            std::string::npos);
+}
+
 TEST(MassMatrix, HasToBePositiveDefinite) {
   const std::vector<double> K = {1, 0, 0, 1};
   for (const auto& M : {std::vector<double>{1, 1, 1, 1}, {1, 2, 2, 1}, {1e-8, 1e-3, 1e-3, 1}}) {
