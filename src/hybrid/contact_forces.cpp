@@ -47,7 +47,6 @@ std::vector<double> everywhere(Vec vector) {
 ContactForces::ContactForces(const LinearSystem& system, const RelativeDegree& degree)
     : comm_(system.comm()),
       degree_(degree),
-      abs_markov_(absolute_copy(degree.markov.get())),
       in_(duplicate(system.w0.get())),
       out_(duplicate(system.w0.get())) {
   upper_.assign(degree.degree.size(), PETSC_INFINITY);
@@ -61,36 +60,11 @@ ContactForces::ContactForces(const LinearSystem& system, const RelativeDegree& d
     }
     zero = zero || diagonal == 0.0;
   });
+  abs_markov_ = absolute_copy(degree.markov.get());
   zero_diagonal_ = anywhere(comm_, zero);
   coupled_ = anywhere(comm_, coupled) || zero_diagonal_;
   if (!coupled_) return;
   find_groups();
-  Matrix squares;
-  RowBuilder rows;
-  for_each_row(degree.markov.get(), [&](PetscInt, auto columns, auto values) {
-    for (std::size_t k = 0; k < columns.size(); ++k)
-      rows.add(columns[k], values[k] * values[k]);
-    rows.end_row();
-  });
-  squares = rows.finish(comm_, column_range(degree.markov.get()).size());
-  check(VecSet(in_.get(), 1.0));
-  check(MatMultTranspose(squares.get(), in_.get(), out_.get()));
-  get(out_.get(), squares_);
-}
-
-std::vector<double> ContactForces::negligible(const std::vector<double>& small) {
-  std::vector<double> result(small.size());
-  if (!coupled_) {
-    for (std::size_t a = 0; a < result.size(); ++a)
-      result[a] = small[a] / degree_.markov_diagonal[a];
-    return result;
-  }
-  put(small, in_.get());
-  check(MatMultTranspose(abs_markov_.get(), in_.get(), out_.get()));
-  get(out_.get(), result);
-  for (std::size_t a = 0; a < result.size(); ++a)
-    result[a] = squares_[a] > 0.0 ? result[a] / squares_[a] : 0.0;
-  return result;
 }
 
 void ContactForces::find_rest(const std::vector<double>& a, const std::vector<double>& lambda,
@@ -300,6 +274,61 @@ bool ContactForces::solve(const std::vector<char>& set, std::vector<double>& val
   return true;
 }
 
+// |M_SS^-1| small; of what PETSc solves for, from a few random signs.
+std::vector<double> ContactForces::bound_of_forces(const std::vector<char>& set,
+                                                   const std::vector<double>& small) {
+  std::vector<double> result(small.size(), 0.0);
+  if (!coupled_) {
+    for (std::size_t a = 0; a < result.size(); ++a)
+      result[a] = small[a] / degree_.markov_diagonal[a];
+    return result;
+  }
+  if (together_) {
+    const Factor& with = factor(set);
+    std::vector<double> all(static_cast<std::size_t>(begins_.back() + counts_.back()), 0.0);
+    with.groups[0].bound(from_all(small), all);
+    int rank = 0;
+    MPI_Comm_rank(comm_, &rank);
+    std::copy_n(all.begin() + begins_[static_cast<std::size_t>(rank)], result.size(), result.begin());
+    return result;
+  }
+  for (int probe = 0; any_single_ && probe < 4; ++probe) {
+    std::vector<double> values = small;
+    for (std::size_t a = 0; a < values.size(); ++a)
+      if (((a + 1) * 0x9E3779B97F4A7C15ull >> (60 + probe) & 1u) != 0) values[a] = -values[a];
+    if (!solve(set, values)) break;
+    for (std::size_t a = 0; a < values.size(); ++a)
+      result[a] = std::max(result[a], std::abs(values[a]));
+  }
+  for (const PivotedLu& group : factor(set).groups)
+    group.bound(small, result);
+  return result;
+}
+
+std::vector<double> ContactForces::negligible(const std::vector<Role>& roles, const std::vector<double>& rest,
+                                              std::vector<double>& small) {
+  const std::size_t count = roles.size();
+  std::vector<char> set(count, 0), next(count, 0);
+  std::vector<double> least(count, 0.0), spread = small;
+  for (int round = 0; round < 4; ++round) {
+    for (std::size_t b = 0; b < count; ++b) {
+      const double from_upper = roles[b] == Role::between ? std::abs(rest[b] - upper_[b]) : PETSC_INFINITY;
+      next[b] = roles[b] != Role::off && std::min(std::abs(rest[b]), from_upper) <= spread[b] ? 1 : 0;
+    }
+    if (round > 0 && !anywhere(comm_, next != set)) break;
+    set = next;
+    least = bound_of_forces(set, small);
+    if (!coupled_) break;
+    put(least, in_.get());
+    check(MatMult(abs_markov_.get(), in_.get(), out_.get()));
+    get(out_.get(), spread);
+    for (std::size_t b = 0; b < count; ++b)
+      spread[b] += small[b];
+  }
+  small = spread;
+  return least;
+}
+
 // Whether forces on `sides`, and on who holds, and nobody else are a solution; if not, `sides` is the next
 // guess.
 bool ContactForces::fits(const Problem& problem, std::vector<Side>& sides, std::vector<double>& lambda,
@@ -319,6 +348,12 @@ bool ContactForces::fits(const Problem& problem, std::vector<Side>& sides, std::
   }
   if (!solve(set, lambda)) return false;
   find_rest(problem.a, lambda, rest);
+  bool pulls = false;
+  for (std::size_t b = 0; b < count; ++b)
+    pulls = pulls || (set[b] != 0 && problem.roles[b] != Role::holds &&
+                      static_cast<double>(sides[b]) * lambda[b] < 0.0);
+  const std::vector<double> least =
+      anywhere(comm_, pulls) ? bound_of_forces(set, problem.small) : std::vector<double>(count, 0.0);
   bool wrong = false;
   for (std::size_t b = 0; b < count; ++b) {
     const Role role = problem.roles[b];
@@ -326,7 +361,7 @@ bool ContactForces::fits(const Problem& problem, std::vector<Side>& sides, std::
     if (set[b] != 0) {  // a row that depends on others may not be solved
       wrong = wrong ||
               !(std::abs(rest[b] - wall[b]) <= 1e-6 * (std::abs(problem.a[b]) + problem.small[b] * 1e12));
-      if (role == Role::holds || static_cast<double>(sides[b]) * lambda[b] >= -problem.least[b]) continue;
+      if (role == Role::holds || static_cast<double>(sides[b]) * lambda[b] >= -least[b]) continue;
       sides[b] = Side::none;
       wrong = true;
     } else if (role != Role::upper && rest[b] < -problem.small[b]) {
@@ -344,7 +379,7 @@ bool ContactForces::fits(const Problem& problem, std::vector<Side>& sides, std::
 bool ContactForces::complement(double t, const std::vector<Role>& roles, const std::vector<double>& a,
                                const std::vector<double>& small, const std::vector<Side>& guess,
                                std::vector<double>& lambda, std::vector<double>& rest) {
-  const Problem problem{roles, a, small, negligible(small)};
+  const Problem problem{roles, a, small};
   std::vector<Side> nobody(a.size(), Side::none);
   for (const std::vector<Side>* start : {&guess, &std::as_const(nobody)}) {
     std::vector<Side> sides = *start;
@@ -386,7 +421,8 @@ bool ContactForces::solve_vi(double t, const Problem& problem, std::vector<doubl
   }
   const std::vector<double> all_places = everywhere(places.get()), all_walls = everywhere(wall_places.get());
   RowBuilder rows;
-  const auto add_row = [&](std::size_t b, double s) {
+  const auto add_row = [&](std::size_t b, double s, std::size_t place) {
+    rows.add(first + static_cast<PetscInt>(place), 0.0);  // a diagonal, if only 0
     for (const auto& [column, value] : get_row(M.get(), range.first + static_cast<PetscInt>(b))) {
       const auto c = static_cast<std::size_t>(column);
       rows.add(static_cast<PetscInt>(all_places[c]), s * value);
@@ -395,9 +431,9 @@ bool ContactForces::solve_vi(double t, const Problem& problem, std::vector<doubl
     rows.end_row();
   };
   for (std::size_t b = 0; b < count; ++b)
-    add_row(b, 1.0);
-  for (const std::size_t b : walls)
-    add_row(b, -1.0);
+    add_row(b, 1.0, b);
+  for (std::size_t k = 0; k < walls.size(); ++k)
+    add_row(walls[k], -1.0, count + k);
   Vector lower = make_vector(comm_, local), upper = duplicate(lower.get()), q = duplicate(lower.get()),
          start = duplicate(lower.get());
   check(VecSet(start.get(), 0.0));

@@ -46,8 +46,14 @@ public:
   /// rest = a + M lambda.
   void find_rest(const std::vector<double>& a, const std::vector<double>& lambda, std::vector<double>& rest);
 
-  /// Below this a multiplier is zero, where rows know what they are made of up to `small`.
-  std::vector<double> negligible(const std::vector<double>& small);
+  /// Below this multipliers of a solution are zero, where their rows know what they are made of up to
+  /// `small`,
+  ///
+  ///     |M_SS^-1| small,   S: who has a rest of 0 and may carry a force;
+  ///
+  /// `small` becomes what their rests are known up to with that, small + |M| |M_SS^-1| small.
+  std::vector<double> negligible(const std::vector<Role>& roles, const std::vector<double>& rest,
+                                 std::vector<double>& small);
 
 private:
   /// Constraints that M couples to no other ones.
@@ -64,11 +70,12 @@ private:
   void find_groups();
   void gather_all();
   Factor& factor(const std::vector<char>& set);
+  std::vector<double> bound_of_forces(const std::vector<char>& set, const std::vector<double>& small);
   Matrix masked(const std::vector<char>& set) const;
   std::vector<double> from_all(const std::vector<double>& own) const;
   struct Problem {
     const std::vector<Role>& roles;
-    const std::vector<double>&a, &small, least;
+    const std::vector<double>&a, &small;
   };
   bool fits(const Problem& problem, std::vector<Side>& sides, std::vector<double>& lambda,
             std::vector<double>& rest);
@@ -86,7 +93,6 @@ private:
   std::vector<Factor> factors_;       // of the sets seen last
   std::size_t next_ = 0;
   Matrix abs_markov_;
-  std::vector<double> squares_;  // of each column of M
   Vector in_, out_;
 };
 

@@ -68,4 +68,18 @@ void PivotedLu::solve(const std::vector<double>& right, std::vector<double>& val
     values[columns_[i]] = y[i];
 }
 
+void PivotedLu::bound(const std::vector<double>& right, std::vector<double>& values) const {
+  std::vector<double> unit(right.size(), 0.0), column(right.size(), 0.0);
+  for (const std::size_t b : columns_)
+    values[b] = 0.0;
+  for (std::size_t i = 0; i < rank_; ++i) {
+    if (right[rows_[i]] == 0.0) continue;
+    unit[rows_[i]] = right[rows_[i]];
+    solve(unit, column);
+    unit[rows_[i]] = 0.0;
+    for (const std::size_t b : columns_)
+      values[b] += std::abs(column[b]);
+  }
+}
+
 }  // namespace sweepvi

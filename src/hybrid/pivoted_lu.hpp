@@ -16,6 +16,9 @@ public:
   /// values_S becomes the solution of M_SS y = right_S, 0 for what was left out; other values stay.
   void solve(const std::vector<double>& right, std::vector<double>& values) const;
 
+  /// values_S becomes |M_SS^-1| right_S, the largest that errors of this size may make of it.
+  void bound(const std::vector<double>& right, std::vector<double>& values) const;
+
 private:
   std::size_t rank_ = 0;
   std::vector<double> lu_;                   // by steps of elimination, row by row of the whole

@@ -325,7 +325,7 @@ bool SmoothFlow::decide(int k) {
       roles[a] = Role::holds;
   }
   if (!forces_.complement(t_, roles, a_, small_, guess_, lambda_now_, rest_)) return false;
-  const Numbers least = forces_.negligible(small_);
+  const Numbers least = forces_.negligible(roles, rest_, small_);
   if (k == 0) least_ = least;
   bool undecided = false;
   for (std::size_t a = 0; a < constraints(); ++a) {
