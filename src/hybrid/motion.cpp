@@ -100,7 +100,7 @@ bool Motion::prepare(StepSolver& solver, PetscInt interval, const Watch* watch, 
       return false;
     }
     for (std::size_t a = 0; a < constraints(); ++a)
-      if (flow_.stand()[a] == Stand::out) before[a] = flow_.wall(a);
+      if (flow_.stand()[a] == Stand::out && before[a] == Side::none) before[a] = flow_.wall(a);
     if (!jumped && watch != nullptr && series_ > 0) {  // a run's first row is the state before its first jump
       flow_.pull_in(x_.get());
       write(0.0);
