@@ -284,6 +284,24 @@ class HybridKinds(unittest.TestCase):
             np.testing.assert_allclose([e["t"] for e in self.events], [s, hit], rtol=0, atol=1e-13)
             self.assertAlmostEqual(data["mu"][:, 0].sum(), 0.75 * (2.0 - hit), delta=1e-13)
 
+    def test_bridge_of_diodes(self):
+        """Four ideal diodes in a bridge between a resonator and a resistor R, D singular in parts: seen from the resonator they are
+        R, x' = [-1/(R C), -1/C; 1/L, 0] x. All four change where the voltage vanishes, with no current anywhere."""
+        A = np.array([[0, -1e6], [1e2, 0]])
+        model = {
+            "kind": "linear", "A": A, "B": [[0, 0, -1e6, 1e6], [0, 0, 0, 0]], "C": [[0, 0], [0, 0], [-1, 0], [1, 0]],
+            "D": [[1e-3, 1e-3, -1, 0], [1e-3, 1e-3, 0, -1], [1, 0, 0, 0], [0, 1, 0, 0]], "x0": [10.0, 0.0],
+        }  # fmt: skip
+        damped = A - np.array([[1e3, 0], [0, 0]])
+        values, vectors = np.linalg.eig(damped)
+        start = np.linalg.solve(vectors, np.array([10.0, 0.0]))
+        for data in self.both(model, 5e-3, 1e-4):
+            exact = np.real(np.exp(np.outer(data["t"], values)) * start @ vectors.T)
+            np.testing.assert_allclose(data["x"], exact, rtol=0, atol=1e-10)
+            self.assertTrue((data["w"][1:] >= 0).all() and (data["mu"] >= 0).all())  # the first row: where lambda is 0
+            zeros = np.flatnonzero(np.diff(np.sign(np.real(np.exp(np.outer(np.linspace(0, 5e-3, 4001), values)) * start @ vectors.T)[:, 0])))
+            self.assertEqual(len({round(e["t"], 12) for e in self.events}), len(zeros))
+
     # The estimate -------------------------------------------------------------------------------------
 
     def test_estimate_follows_an_unstable_motion(self):
