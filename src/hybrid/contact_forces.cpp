@@ -118,7 +118,7 @@ std::vector<double> ContactForces::from_all(const std::vector<double>& own) cons
 
 // One group of all constraints on every rank.
 void ContactForces::gather_all() {
-  const std::size_t total = static_cast<std::size_t>(begins_.back() + counts_.back());
+  const auto total = static_cast<std::size_t>(begins_.back()) + static_cast<std::size_t>(counts_.back());
   const LocalRange range = row_range(degree_.markov.get());
   Group all;
   for (std::size_t column = 0; column < total; ++column)

@@ -86,7 +86,7 @@ public:
 
   // The gap closes without a measure, before this jump; what follows on the levels above does not.
   StepReport reset(StepSolver& solver, const Step& step, std::vector<char>& met) override {
-    const StepReport report = jump_of(dvi_, solver, step);
+    StepReport report = jump_of(dvi_, solver, step);
     if (!report.certified) return report;
     std::vector<StepEvent> events;
     for (const StepEvent& event : dvi_.events()) {

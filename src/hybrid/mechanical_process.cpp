@@ -88,7 +88,7 @@ public:
   void tell(std::vector<StepEvent> events) override { dvi_.tell(std::move(events)); }
 
   StepReport reset(StepSolver& solver, const Step& step, std::vector<char>& met) override {
-    const StepReport report = jump_of(dvi_, solver, step);
+    StepReport report = jump_of(dvi_, solver, step);
     for (const StepEvent& event : dvi_.events())
       met[static_cast<std::size_t>(event.constraint)] = 1;
     return report;

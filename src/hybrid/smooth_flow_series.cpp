@@ -22,8 +22,8 @@ using Numbers = std::vector<double>;
 bool negligible(std::span<const double> terms, double length, double floor, double part) {
   double largest = floor, power = 1.0;
   std::array<double, 2> last{};
-  for (std::size_t k = 0; k < terms.size(); ++k) {
-    const double term = std::abs(terms[k]) * power;
+  for (const double coefficient : terms) {
+    const double term = std::abs(coefficient) * power;
     largest = std::max(largest, term);
     last = {last[1], term};
     power *= length;
@@ -269,13 +269,14 @@ void SmoothFlow::state(double tau, Vec x) const {
 void SmoothFlow::traverse(double tau, Vec x) {
   state(tau, x);
   double power = 1.0;
-  for (int k = 0; k < known_; ++k, power *= tau) {
+  for (int k = 0; k < known_; ++k) {
     const ReadArray term(X_[static_cast<std::size_t>(k)].get());
     for (PetscInt i = 0; i < term.size(); ++i) {
       double& largest = traversed_[static_cast<std::size_t>(i)];
       const double value = std::abs(term[i]) * power;
       largest = k == 0 ? value : std::max(largest, value);
     }
+    power *= tau;
   }
   const ReadArray coupling(bound_.get());
   for (std::size_t i = 0; i < traversed_.size(); ++i)

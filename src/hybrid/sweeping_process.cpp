@@ -249,7 +249,7 @@ public:
 
   // From outside of the set; the state does not jump otherwise.
   StepReport reset(StepSolver& solver, const Step& step, std::vector<char>& met) override {
-    const StepReport report = jump_of(dvi_, solver, step);
+    StepReport report = jump_of(dvi_, solver, step);
     for (const StepEvent& event : dvi_.events())
       for (std::size_t a = 0; a < met.size(); ++a)
         if (static_cast<PetscInt>(component(a)) == event.constraint && (!box_ || rows_.side[a] == event.side))
