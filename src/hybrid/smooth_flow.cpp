@@ -172,18 +172,25 @@ bool SmoothFlow::place(double t, Vec x, const std::vector<char>& known) {
   return found[0] != 0;
 }
 
-// States that a move has brought to 0 up to rounding of what they were are 0: there is nothing else that a
-// jump could judge what is left of them against.
+// Outputs that stand nowhere are then those of x. States that a move has brought to 0 up to rounding of what
+// they were are 0: there is nothing else that a jump could judge what is left of them against.
 void SmoothFlow::pull_in(Vec x) {
   if (!any_at_wall_) return;
   check(VecCopy(x, work_.get()));
   move_to_walls(x, leading_);
-  const ReadArray before(work_.get());
-  const WriteArray now(x);
-  for (PetscInt i = 0; i < now.size(); ++i) {
-    const double size = std::max(std::abs(before[i]), traversed_[static_cast<std::size_t>(i)]);
-    if (now[i] != before[i] && std::abs(now[i]) <= lost * size) now[i] = 0.0;
+  {
+    const ReadArray before(work_.get());
+    const WriteArray now(x);
+    for (PetscInt i = 0; i < now.size(); ++i) {
+      const double size = std::max(std::abs(before[i]), traversed_[static_cast<std::size_t>(i)]);
+      if (now[i] != before[i] && std::abs(now[i]) <= lost * size) now[i] = 0.0;
+    }
   }
+  check(MatMultAdd(degree_.Z.get(), x, g_.get(), outputs_.get()));
+  const ReadArray moved(outputs_.get());
+  for (std::size_t a = 0; a < constraints(); ++a)
+    for (int i = leading_[a] + 1; i <= levels(a); ++i)
+      at_begin_.z[at(a, i)] = moved[static_cast<PetscInt>(at(a, i))];
 }
 
 // A direction of a level moves outputs of its own depth r - i and of lesser ones: deepest first.
