@@ -71,10 +71,11 @@ Refinement& DataTest::refinement() {
 }
 
 // Whether all residuals, with what their evaluation may round, are small against the terms of the steps
-// before this one. Takes note of `terms`: what a row consists of may halve in a step without being forgotten,
-// and vanish for as long as it likes.
-bool DataTest::as_before(Vec terms, double ratio) {
-  int grown = 0;
+// before this one; where they are not, against what unknowns of rows that have not grown contribute. Takes
+// note of `terms`: what a row consists of may halve in a step without being forgotten, and vanish for as long
+// as it likes.
+bool DataTest::as_before(Vec u, Vec f, Vec terms, double ratio, Vec lower, Vec upper) {
+  grown_.clear();
   {
     const double most = options_.rtol / (ratio + evaluation_error(1.0));
     const ReadArray terms_now(terms);
@@ -84,16 +85,38 @@ bool DataTest::as_before(Vec terms, double ratio) {
     const PetscInt count = terms_now.size();
     for (PetscInt i = 0; i < count; ++i) {
       if (now[i] == 0.0) continue;
-      if (!(now[i] <= most * before[i])) grown = 1;
+      if (!(now[i] <= most * before[i])) grown_.push_back(i);
       before[i] = std::max(now[i], 0.5 * before[i]);
     }
   }
-  MPI_Allreduce(MPI_IN_PLACE, &grown, 1, MPI_INT, MPI_LOR, problem_.comm());
-  return grown == 0;
+  int doubtful = grown_.empty() || explained_by_others(u, f, terms, lower, upper) ? 0 : 1;
+  MPI_Allreduce(MPI_IN_PLACE, &doubtful, 1, MPI_INT, MPI_LOR, problem_.comm());
+  return doubtful == 0;
+}
+
+// Of the rows that have grown: their residuals against this rank's unknowns whose rows have not.
+bool DataTest::explained_by_others(Vec u, Vec f, Vec terms, Vec lower, Vec upper) const {
+  const AffineRows* const rows = problem_.affine().rows;
+  if (rows == nullptr || 8 * static_cast<PetscInt>(grown_.size()) > rows->size()) return false;
+  const ReadArray x(u);
+  const ReadArray values(f);
+  const ReadArray size(terms);
+  const ReadArray l(lower);
+  const ReadArray b(upper);
+  return std::all_of(grown_.begin(), grown_.end(), [&](PetscInt i) {
+    double others = 0.0;
+    for (const auto& [offset, value] : rows->entries(i)) {
+      const PetscInt j = i + offset;
+      if (j < rows->size() && !std::binary_search(grown_.begin(), grown_.end(), j))
+        others += std::abs(value * x[j]);
+    }
+    return largest_residual(x[i], values[i], l[i], b[i], evaluation_error(size[i])) <=
+           options_.rtol * RowData::indirect * others + negligible_residual;
+  });
 }
 
 DataTest::Verdict DataTest::judge(Vec u, Vec f, Vec terms, double ratio, Vec lower, Vec upper) {
-  if (dominant() || as_before(terms, ratio)) return Verdict::holds;
+  if (dominant() || as_before(u, f, terms, ratio, lower, upper)) return Verdict::holds;
   const Verdict verdict = look_again(u, f, terms, lower, upper);
   if (verdict == Verdict::fails) check(VecSet(before_.get(), 0.0));
   return verdict;

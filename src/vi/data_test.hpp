@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "sweepvi/dvi.hpp"
 #include "sweepvi/step_solver.hpp"
@@ -28,7 +29,8 @@ namespace sweepvi {
 ///
 /// Two kinds of steps need no second look, and get none: one whose K is strictly diagonally dominant (it has
 /// a solution whatever its data are, and u is bounded by them), and one of a run in which rows have terms of
-/// the size that they had in the steps before, which then count as data: what was known at t_k.
+/// the size that they had in the steps before, which then count as data: what was known at t_k; rows that
+/// have grown (a first contact) are judged by what the unknowns of others explain of them.
 class DataTest {
 public:
   DataTest(Dvi& problem, const CertificateOptions& options);
@@ -48,7 +50,8 @@ public:
 
 private:
   bool dominant();
-  bool as_before(Vec terms, double ratio);
+  bool as_before(Vec u, Vec f, Vec terms, double ratio, Vec lower, Vec upper);
+  bool explained_by_others(Vec u, Vec f, Vec terms, Vec lower, Vec upper) const;
   Verdict look_again(Vec u, Vec f, Vec terms, Vec lower, Vec upper);
   bool doubtful(Vec u, Vec f, Vec terms, Vec lower, Vec upper);
   void find_data(Vec lower, Vec upper);
@@ -58,6 +61,7 @@ private:
   const CertificateOptions& options_;
   Vector data_, origin_;
   Vector before_;                           // terms of rows in the steps before; 0: none yet
+  std::vector<PetscInt> grown_;             // rows whose terms are not of that size any more
   std::unique_ptr<Refinement> refinement_;  // from the first point in doubt
   const AffineRows* looked_at_ = nullptr;
   std::uint64_t version_ = 0;  // of the Jacobian that dominant_ is for

@@ -13,7 +13,6 @@ namespace {
 constexpr int sweeps = 4;
 constexpr double passed_on = 0.98;   // by a row: what comes round again and again stays bounded
 constexpr double of_own_row = 1e-3;  // what an unknown that vanishes is known up to
-constexpr double indirect = 1e-3;    // of what comes through unknowns: theirs is rounding, not data
 
 /// Rows in the order of the sweeps: from large terms to small ones, the way of a front that decays into what
 /// is at rest; forth; back; from large ones again.

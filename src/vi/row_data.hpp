@@ -44,6 +44,9 @@ class RowData {
 public:
   /// @note Collective, as `evaluate`.
   explicit RowData(Mat K) : rows_(K) {}
+  /// Of what comes through unknowns counts as data: theirs is rounding.
+  static constexpr double indirect = 1e-3;
+
   const AffineRows& rows() const { return rows_; }
 
   /// @param own  d
