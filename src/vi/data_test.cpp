@@ -47,14 +47,14 @@ void DataTest::find_data(Vec lower, Vec upper) {
   problem_.row_terms(origin_.get(), data_.get());
 }
 
-bool DataTest::doubtful(Vec u, Vec f, Vec terms, Vec lower, Vec upper) {
+bool DataTest::doubtful(Vec u, Vec f, Vec terms, Vec data_of_rows, Vec lower, Vec upper) {
   int any = 0;
   {
     const ReadArray x(u);
     const ReadArray values(f);
     const ReadArray l(lower);
     const ReadArray b(upper);
-    const ReadArray data(data_.get());
+    const ReadArray data(data_of_rows);
     const ReadArray size(terms);
     for (PetscInt i = 0; i < x.size() && any == 0; ++i)
       if (!(largest_residual(x[i], values[i], l[i], b[i], evaluation_error(size[i])) <=
@@ -124,7 +124,13 @@ DataTest::Verdict DataTest::judge(Vec u, Vec f, Vec terms, double ratio, Vec low
 
 DataTest::Verdict DataTest::look_again(Vec u, Vec f, Vec terms, Vec lower, Vec upper) {
   find_data(lower, upper);
-  if (!doubtful(u, f, terms, lower, upper)) return Verdict::holds;
+  if (!doubtful(u, f, terms, data_.get(), lower, upper)) return Verdict::holds;
+  if (const AffineStep affine = problem_.affine(); affine.rows != nullptr && affine.level == nullptr) {
+    const Vector data = duplicate(u);
+    const Vector all = duplicate(u);
+    RowData::evaluate(*affine.rows, u, lower, upper, data_.get(), data.get(), all.get());
+    if (!doubtful(u, f, terms, data.get(), lower, upper)) return Verdict::holds;
+  }
   Refinement& refined = refinement();
   refined.take(u, lower, upper, data_.get());
   if (refined.explained(f, options_.rtol)) return Verdict::holds;

@@ -53,7 +53,7 @@ private:
   bool as_before(Vec u, Vec f, Vec terms, double ratio, Vec lower, Vec upper);
   bool explained_by_others(Vec u, Vec f, Vec terms, Vec lower, Vec upper) const;
   Verdict look_again(Vec u, Vec f, Vec terms, Vec lower, Vec upper);
-  bool doubtful(Vec u, Vec f, Vec terms, Vec lower, Vec upper);
+  bool doubtful(Vec u, Vec f, Vec terms, Vec data, Vec lower, Vec upper);
   void find_data(Vec lower, Vec upper);
   Refinement& refinement();
 

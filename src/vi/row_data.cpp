@@ -49,8 +49,8 @@ bool within_bounds(double u, double lower, double upper) {
 
 }  // namespace
 
-void RowData::evaluate(Vec u, Vec lower, Vec upper, Vec own, Vec data, Vec terms) const {
-  const PetscInt count = rows_.size();
+void RowData::evaluate(const AffineRows& rows, Vec u, Vec lower, Vec upper, Vec own, Vec data, Vec terms) {
+  const PetscInt count = rows.size();
   const Vector size = duplicate(u);       // |u|, or what is known of it
   const Vector explained = duplicate(u);  // the part that data explain
   std::vector<char> bounded(static_cast<std::size_t>(count), 0);
@@ -67,15 +67,15 @@ void RowData::evaluate(Vec u, Vec lower, Vec upper, Vec own, Vec data, Vec terms
       parts[i] = within ? sizes[i] : 0.0;
     }
   }
-  const Order order(rows_, u, own);
+  const Order order(rows, u, own);
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     // Ghosts are those of the sweep before.
     std::vector<double> far_size;
     std::vector<double> far_part;
-    if (const double* ghosts = rows_.ghosts(size.get()); ghosts != nullptr)
-      far_size.assign(ghosts, ghosts + rows_.ghost_count());
-    if (const double* ghosts = rows_.ghosts(explained.get()); ghosts != nullptr)
-      far_part.assign(ghosts, ghosts + rows_.ghost_count());
+    if (const double* ghosts = rows.ghosts(size.get()); ghosts != nullptr)
+      far_size.assign(ghosts, ghosts + rows.ghost_count());
+    if (const double* ghosts = rows.ghosts(explained.get()); ghosts != nullptr)
+      far_part.assign(ghosts, ghosts + rows.ghost_count());
     const ReadArray x(u);
     const ReadArray d(own);
     const WriteArray sizes(size.get());
@@ -88,7 +88,7 @@ void RowData::evaluate(Vec u, Vec lower, Vec upper, Vec own, Vec data, Vec terms
       double known = d[i];
       double diagonal = 0.0;
       double entries = 0.0;
-      for (const auto& [offset, value] : rows_.entries(i)) {
+      for (const auto& [offset, value] : rows.entries(i)) {
         const double entry = std::abs(value);
         entries += entry;
         if (offset == 0) {

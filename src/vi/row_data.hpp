@@ -51,7 +51,10 @@ public:
 
   /// @param own  d
   /// @param data  becomes D @param terms  becomes T
-  void evaluate(Vec u, Vec lower, Vec upper, Vec own, Vec data, Vec terms) const;
+  void evaluate(Vec u, Vec lower, Vec upper, Vec own, Vec data, Vec terms) const {
+    evaluate(rows_, u, lower, upper, own, data, terms);
+  }
+  static void evaluate(const AffineRows& rows, Vec u, Vec lower, Vec upper, Vec own, Vec data, Vec terms);
 
 private:
   AffineRows rows_;
