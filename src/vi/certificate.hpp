@@ -17,7 +17,7 @@ namespace sweepvi {
 /// A row without bounds whose unknowns all vanish in exact arithmetic consists of residue; only there, where
 /// it fails otherwise, a tenth of the terms of the unknowns it reads counts as its own.
 ///
-/// A natural residual below the range of numbers (negligible_residual, 1e-292) is none.
+/// A natural residual below the range of numbers (negligible_residual, 5e-314) is none.
 ///
 /// What passes is judged against the data of the step, too: data_test.hpp.
 ///
