@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cmath>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <ctime>
 #include <fstream>
@@ -73,6 +74,10 @@ void sync_below(const fs::path& folder) {
       throw std::system_error(errno, std::generic_category(), entry.path().string());
   }
   sync_folder(folder);
+}
+
+void log_line(const std::string& text) noexcept {
+  std::fprintf(stderr, "sweepvi-serve: %s\n", text.c_str());
 }
 
 bool for_want_of_room(const std::exception& error) {

@@ -34,6 +34,10 @@ void sync_below(const std::filesystem::path& folder);
 /// The names in a folder only.
 void sync_folder(const std::filesystem::path& folder);
 
+/// A line of the daemon's log, standard error. That nobody can write it, for the disk is full, say, is no
+/// failure of what goes on.
+void log_line(const std::string& text) noexcept;
+
 /// Whether something failed because a disk, or a share of it, is full.
 bool for_want_of_room(const std::exception& error);
 

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <array>
-#include <cstdio>
 
 #include "service/files.hpp"
 #include "service/refusal.hpp"
@@ -181,8 +180,7 @@ std::optional<Job> Queue::read(const Statement& row) const {
   const std::string damage = damage_in(job, row.text(1));
   if (damage.empty()) return job;
   if (damaged_.insert(job.id).second)
-    fmt::print(stderr, "sweepvi-serve: the row of job {} in the queue is damaged: {}; it is left alone\n",
-               job.id, damage);
+    log_line(fmt::format("the row of job {} in the queue is damaged: {}; it is left alone", job.id, damage));
   return std::nullopt;
 }
 

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <chrono>
-#include <cstdio>
 
 #include "io/printable.hpp"
 #include "service/work.hpp"
@@ -49,7 +48,7 @@ void Scheduler::work() {
       }
       start_next();
     } catch (const std::exception& error) {  // a full disk, say; it may have room again
-      fmt::print(stderr, "sweepvi-serve: {}\n", printable(error.what()));
+      log_line(printable(error.what()));
       pause = after_trouble;
     }
     std::unique_lock lock(mutex_);
@@ -66,7 +65,7 @@ void Scheduler::look_at_all() {
       troubled_.erase(job.id);
     } catch (const std::exception& error) {
       if (troubled_.insert(job.id).second)
-        fmt::print(stderr, "sweepvi-serve: job {}: {}\n", job.id, printable(error.what()));
+        log_line(fmt::format("job {}: {}", job.id, printable(error.what())));
     }
   }
 }

@@ -149,9 +149,9 @@ fs::path sound_queue(const Store& store) {
   // SQLite takes the log of a database that is gone for one of the next.
   for (const char* part : {"", "-wal", "-shm"})
     if (const fs::path file = path.string() + part; fs::exists(file, none))
-      fmt::print(stderr, "sweepvi-serve: {} is damaged or left behind ({}); it is now {}\n", file.string(),
-                 damage.empty() ? "its database is missing" : printable(damage),
-                 store.set_aside(file).string());
+      log_line(fmt::format("{} is damaged or left behind ({}); it is now {}", file.string(),
+                           damage.empty() ? "its database is missing" : printable(damage),
+                           store.set_aside(file).string()));
   return path;
 }
 
@@ -194,11 +194,11 @@ void take_up(const Store& store, Queue& queue) {
     } else if (!store.promised(name)) {
       store.discard(name);
     } else if (restore(store, queue, name)) {
-      fmt::print(stderr, "sweepvi-serve: jobs/{} is of a job that the queue did not know; it is back in it\n",
-                 printable(name));
+      log_line(
+          fmt::format("jobs/{} is of a job that the queue did not know; it is back in it", printable(name)));
     } else if (owner == owners.end()) {
-      fmt::print(stderr, "sweepvi-serve: jobs/{} belongs to no job; it is now {}\n", printable(name),
-                 printable(store.set_aside(store.folder(name)).string()));
+      log_line(fmt::format("jobs/{} belongs to no job; it is now {}", printable(name),
+                           printable(store.set_aside(store.folder(name)).string())));
     }
   }
 }

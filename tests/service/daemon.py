@@ -121,12 +121,13 @@ class Daemon:
         self.token = token
         self.environment = {**os.environ, **program.ENVIRONMENT, **(env or {})}
         self.grace = 5
+        self.errors_to = self.folder / "daemon.log"
         self.process = None
         self.wrong = []  # answers that the document does not have
         self.start()
 
     def start(self):
-        self.errors = open(self.folder / "daemon.log", "a")
+        self.errors = open(self.errors_to, "a")
         # Under the address sanitizer everything takes terabytes of address space.
         roomy = ["--check-memory", "0"] if "ASAN_OPTIONS" in os.environ else []
         command = [SERVE, "serve", "--data", self.data, "--listen", self.listen, "--grace", self.grace, *roomy, *self.words]

@@ -239,6 +239,16 @@ class Kept(InService):
             self.assertEqual(self.daemon.wait(good)["state"], "done", change)
             self.assertEqual(self.daemon.ask("GET", f"/v1/jobs/{good}/result").body, result)
 
+    def test_a_log_that_nobody_can_write(self):
+        """As on a full disk: what the daemon complains of stops neither its threads nor an answer."""
+        values = "(900, 'queued', 't', 1, 99, 'no json', 'd', 'r', 1, 1.0, 'f')"
+        insert = f"INSERT INTO jobs (id, state, title, ranks, priority, work, digest, report, bytes, submitted, folder) VALUES {values}"
+        self.daemon.errors_to = "/dev/full"
+        self.restart(lambda: self.in_queue(insert))
+        self.assertEqual(self.daemon.ask("GET", "/v1/jobs/900").status, 500)
+        self.done()
+        self.assertIsNone(self.daemon.process.poll())
+
     def test_endings_that_cannot_be_read(self):
         number, _ = self.done()
         ending = self.daemon.home(number) / "attempt-1/ending.json"
