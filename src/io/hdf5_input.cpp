@@ -32,11 +32,11 @@ std::string content_of(hid_t file) {
   return list.empty() ? "nothing" : all ? list : list + ", ...";
 }
 
-/// Which of the open files an object is in.
-unsigned long file_number(hid_t object) {
-  H5O_info_t info{};
-  H5Oget_info_by_name2(object, ".", &info, H5O_INFO_BASIC, H5P_DEFAULT);
-  return info.fileno;
+/// A link to another file was met, in a process that is confined: it is not followed, for the answer would
+/// tell what is there.
+herr_t note_link(const char*, const char*, const char*, const char*, unsigned*, hid_t, void* met) {
+  *static_cast<bool*>(met) = true;
+  return -1;
 }
 
 }  // namespace
@@ -51,25 +51,39 @@ std::string place_in(const std::string& path, const std::string& dataset) {
   return path + ": " + printable(dataset);
 }
 
-Hdf5File open_hdf5(const std::string& path) {
+Hdf5File open_hdf5(const std::string& path, Chunks kept) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) throw InputError(path + ": there is no such file");
   if (std::filesystem::is_directory(path, error))
     throw InputError(path + " is a folder; an HDF5 file is needed");
   const htri_t is_hdf5 = H5Fis_hdf5(path.c_str());
   if (is_hdf5 == 0) throw InputError(path + " is not an HDF5 file");
-  Hdf5File file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
+  // What is not used takes no memory; chunks that were read to their end go first; the number of slots is a
+  // prime, as HDF5 asks.
+  constexpr std::size_t slots = 100003, bytes = std::size_t{2} << 30U;
+  const Hdf5Properties access(H5Pcreate(H5P_FILE_ACCESS));
+  if (kept == Chunks::whole_rows) H5Pset_cache(access.get(), 0, slots, bytes, 1.0);
+  if (files_are_confined()) H5PLset_loading_state(0);  // no filter from a folder of plugins
+  Hdf5File file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access.get()));
   if (!file) throw InputError(path + ": the HDF5 file cannot be opened: " + hdf5_reason());
   return file;
 }
 
 Hdf5Object open_hdf5_object(hid_t file, const std::string& path, const std::string& name) {
-  Hdf5Object object(H5Oopen(file, name.c_str(), H5P_DEFAULT));
+  bool leads_elsewhere = false;
+  const Hdf5Properties links(H5Pcreate(H5P_LINK_ACCESS));
+  if (files_are_confined()) H5Pset_elink_cb(links.get(), note_link, &leads_elsewhere);
+  Hdf5Object object(H5Oopen(file, name.c_str(), links.get()));
+  if (leads_elsewhere)
+    throw InputError(place_in(path, name) + " is a link to another file; store the data themselves");
   if (!object)
     throw InputError(place_in(path, name) + " is not in the file, which holds " + content_of(file) +
                      "; name one of these as dataset");
-  if (files_are_confined() && file_number(object.get()) != file_number(file))
-    throw InputError(place_in(path, name) + " is a link to another file; store the data themselves");
+  if (files_are_confined() && H5Iget_type(object.get()) == H5I_DATASET) {
+    const Hdf5Properties creation(H5Dget_create_plist(object.get()));
+    if (H5Pget_layout(creation.get()) == H5D_VIRTUAL || H5Pget_external_count(creation.get()) != 0)
+      throw InputError(place_in(path, name) + " keeps its data in other files; store the data themselves");
+  }
   return object;
 }
 
@@ -164,11 +178,7 @@ void read_reals(hid_t dataset, hid_t memory, hid_t file, double* to, std::size_t
 
 void check_extent(hid_t dataset, const std::vector<hsize_t>& shape, const std::string& where) {
   const Hdf5Properties creation(H5Dget_create_plist(dataset));
-  if (H5Pget_layout(creation.get()) == H5D_VIRTUAL || H5Pget_external_count(creation.get()) != 0) {
-    if (files_are_confined())
-      throw InputError(where + " keeps its data in other files; store the data themselves");
-    return;
-  }
+  if (H5Pget_layout(creation.get()) == H5D_VIRTUAL || H5Pget_external_count(creation.get()) != 0) return;
   constexpr double best_compression = 2000.0;  // deflate: 1032
   hsize_t file_bytes = 0;
   H5Fget_filesize(Hdf5Object(H5Iget_file_id(dataset)).get(), &file_bytes);

@@ -14,8 +14,13 @@ namespace sweepvi {
 /// "m.h5: /A", as messages name it.
 std::string place_in(const std::string& path, const std::string& dataset);
 
+/// How chunks are kept that were unpacked for a part of what they hold.
+enum class Chunks {
+  few,        ///< up to 1 MiB of a dataset: for what is read once, or in the order it was written
+  whole_rows  ///< a row of chunks up to 2 GiB: for datasets read row by row, whose chunks may have any shape
+};
 /// For reading.
-Hdf5File open_hdf5(const std::string& path);
+Hdf5File open_hdf5(const std::string& path, Chunks kept = Chunks::few);
 Hdf5Object open_hdf5_object(hid_t file, const std::string& path, const std::string& name);
 
 std::vector<hsize_t> shape_of(hid_t space);

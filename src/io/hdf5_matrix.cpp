@@ -117,7 +117,7 @@ SparseEntries read_dense_dataset(hid_t dataset, const std::string& where) {
 SparseEntries read_hdf5_matrix(const std::string& path, const std::string& dataset) {
   const QuietHdf5 quiet;
   const Hdf5Guard guard(path);
-  const Hdf5File file = open_hdf5(path);
+  const Hdf5File file = open_hdf5(path, Chunks::whole_rows);
   const Hdf5Object object = open_hdf5_object(file.get(), path, dataset);
   switch (H5Iget_type(object.get())) {
     case H5I_DATASET:

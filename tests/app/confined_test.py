@@ -2,6 +2,7 @@
 """--confine, --progress and `check` of a problem: what the service asks of the program."""
 
 import json
+import os
 import sys
 import unittest
 from pathlib import Path
@@ -85,6 +86,30 @@ class Confined(InFolder):
         for dataset in ("A", "sparse"):
             self.write(BALL.replace("[[0, 1], [0, 0]]", f'{{file = "data.h5", dataset = "/{dataset}"}}'))
             self.assertEqual(self.check().code, 0, dataset)
+
+    def test_links_tell_nothing_of_where_they_lead(self):
+        """Whether it is there, HDF5, or waits for a writer for ever."""
+        elsewhere = program.temporary_folder()
+        self.addCleanup(elsewhere.cleanup)
+        folder = Path(elsewhere.name)
+        os.mkfifo(folder / "fifo")
+        (folder / "text").write_text("no HDF5")
+        with h5py.File(folder / "matrix", "w") as file:
+            file["A"] = np.array([[0.0, 1.0], [0.0, 0.0]])
+        with h5py.File(self.folder / "links.h5", "w") as file:
+            for name in ("fifo", "text", "matrix", "absent"):
+                file[name] = h5py.ExternalLink(folder / name, "/A")
+                file.create_group(f"in {name}")["deeper"] = h5py.ExternalLink(folder / name, "/")
+        self.allow({"links.h5": "links.h5"})
+        for pattern in ("{}", "in {}/deeper/A"):
+            complaints = set()
+            for name in ("fifo", "text", "matrix", "absent"):
+                dataset = pattern.format(name)
+                self.write(BALL.replace("[[0, 1], [0, 0]]", f'{{file = "links.h5", dataset = "/{dataset}"}}'))
+                outcome = self.check()
+                self.refused(outcome, "is a link to another file")
+                complaints.add(outcome.err.replace(name, "NAME"))
+            self.assertEqual(len(complaints), 1, complaints)
 
     def test_only_harmless_options(self):
         self.write(BALL)

@@ -1,7 +1,10 @@
 // ranks: 1 2 3
 #include <hdf5_hl.h>
 
+#include <array>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 
 #include "io/hdf5_handle.hpp"
 #include "io/matrix_fixture.hpp"
@@ -71,6 +74,43 @@ TEST_F(Hdf5MatrixTest, DenseInSeveralBlocks) {
   put("/A", {rows, cols}, values);
   close();
   EXPECT_EQ(dense(read_hdf5_matrix(name_, "/A")), values);
+}
+
+/// Bytes that this process has read so far.
+double bytes_read() {
+  std::ifstream file("/proc/self/io");
+  std::string name;
+  double count = 0.0;
+  file >> name >> count;
+  return name == "rchar:" ? count : 0.0;
+}
+
+// Chunks larger than HDF5's usual cache, and read in blocks of rows: each is read, and unpacked, once.
+TEST_F(Hdf5MatrixTest, DenseInLargeChunks) {
+  constexpr hsize_t size = 1500;
+  const std::array<hsize_t, 2> shape = {size, size};
+  for (const hsize_t width : {size, hsize_t{500}}) {
+    const std::string name = "/A" + std::to_string(width);
+    const std::array<hsize_t, 2> chunk = {size, width};
+    const Hdf5Properties creation(H5Pcreate(H5P_DATASET_CREATE));
+    H5Pset_chunk(creation.get(), 2, chunk.data());
+    H5Pset_deflate(creation.get(), 1);
+    const Hdf5Space space(H5Screate_simple(2, shape.data(), nullptr));
+    const Hdf5Dataset dataset(H5Dcreate2(file_.get(), name.c_str(), H5T_NATIVE_DOUBLE, space.get(),
+                                         H5P_DEFAULT, creation.get(), H5P_DEFAULT));
+    Values values(size * size);
+    for (std::size_t i = 0; i < values.size(); ++i)
+      values[i] = std::fmod(double(i) * 0.6180339887498949, 1.0) + 0.1;
+    ASSERT_GE(H5Dwrite(dataset.get(), H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), 0);
+  }
+  close();
+  const auto file_bytes = double(std::filesystem::file_size(name_));
+  for (const char* name : {"/A1500", "/A500"}) {
+    const double before = bytes_read();
+    const SparseEntries matrix = read_hdf5_matrix(name_, name);
+    EXPECT_EQ(matrix.values.size(), size * size);
+    EXPECT_LT(bytes_read() - before, 1.2 * file_bytes) << "of two matrices of the same size";
+  }
 }
 
 TEST_F(Hdf5MatrixTest, Sparse) {
