@@ -3,10 +3,12 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <spawn.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <chrono>
@@ -14,6 +16,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <string_view>
 #include <system_error>
 #include <thread>
 
@@ -25,6 +28,29 @@ namespace {
 
 [[noreturn]] void fail(int error, const std::string& what) {
   throw std::system_error(error, std::generic_category(), what);
+}
+
+/// What programs need to be found, loaded and started on several ranks. What else the daemon was given, the
+/// keys of somebody's cloud say, is nobody's business.
+bool is_passed_on(std::string_view entry) {
+  constexpr std::array names = {"PATH",   "HOME", "USER", "LOGNAME",         "SHELL",     "HOSTNAME",
+                                "TMPDIR", "LANG", "TZ",   "LD_LIBRARY_PATH", "LD_PRELOAD"};
+  constexpr std::array families = {"LC_",    "SWEEPVI_", "OMP_",    "OPENBLAS_", "MKL_",  "OMPI_", "OPAL_",
+                                   "ORTE_",  "PMIX_",    "PRTE_",   "HWLOC_",    "UCX_",  "FI_",   "MPICH_",
+                                   "HYDRA_", "SLURM_",   "SBATCH_", "ASAN_",     "LSAN_", "UBSAN_"};
+  const std::string_view name = entry.substr(0, entry.find('='));
+  return std::find(names.begin(), names.end(), name) != names.end() ||
+         (name.find("TOKEN") == std::string_view::npos &&
+          std::any_of(families.begin(), families.end(),
+                      [&](const char* family) { return name.starts_with(family); }));
+}
+
+std::vector<char*> passed_environment() {
+  std::vector<char*> entries;
+  for (char** entry = environ; *entry != nullptr; ++entry)
+    if (is_passed_on(*entry)) entries.push_back(*entry);
+  entries.push_back(nullptr);
+  return entries;
 }
 
 /// What posix_spawn takes, freed with it.
@@ -61,7 +87,8 @@ public:
       argv.push_back(const_cast<char*>(word.c_str()));  // NOLINT: what exec asks for, and leaves alone
     argv.push_back(nullptr);
     pid_t pid = 0;
-    const int error = posix_spawnp(&pid, argv[0], &actions, &attributes, argv.data(), environ);
+    const int error =
+        posix_spawnp(&pid, argv[0], &actions, &attributes, argv.data(), passed_environment().data());
     if (error != 0) fail(error, words[0]);
     return pid;
   }
@@ -137,6 +164,12 @@ int start_apart(const std::vector<std::string>& words, const std::filesystem::pa
   return plan.start(words, POSIX_SPAWN_SETSID);
 }
 
+void give_up_privileges() {
+  prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
+  const rlimit none{0, 0};
+  setrlimit(RLIMIT_CORE, &none);
+}
+
 int become_limited(const std::vector<std::string>& words) {
   if (words.size() < 3) return 2;
   const auto seconds = static_cast<unsigned>(std::strtoul(words[0].c_str(), nullptr, 10));
@@ -145,6 +178,7 @@ int become_limited(const std::vector<std::string>& words) {
     const rlimit limit{memory, memory};
     setrlimit(RLIMIT_AS, &limit);
   }
+  give_up_privileges();
   if (seconds > 0) alarm(seconds);  // survives exec
   std::vector<char*> argv;
   for (std::size_t i = 2; i < words.size(); ++i)

@@ -20,7 +20,10 @@ struct ChildResult {
   std::string out, err;
 };
 
-/// Runs a program to its end. It gets nothing of this process but its environment.
+// Programs get nothing of this process but what its environment says of how programs are found, loaded and
+// started on several ranks.
+
+/// Runs a program to its end.
 /// @throws std::system_error if it cannot be started
 ChildResult run_child(const std::vector<std::string>& words, const std::filesystem::path& folder,
                       const ChildLimits& limits);
@@ -30,8 +33,13 @@ ChildResult run_child(const std::vector<std::string>& words, const std::filesyst
 /// @throws std::system_error
 int start_apart(const std::vector<std::string>& words, const std::filesystem::path& folder);
 
+/// From here on neither this process nor what it starts gets more rights, as by set-user-ID programs, or
+/// leaves a core.
+void give_up_privileges();
+
 /// `sweepvi-serve limited SECONDS BYTES WORDS...`: becomes that program, with limits that outlive whoever
-/// started it; 0 stands for none. Returns only if that fails, with the exit code.
+/// started it, 0 stands for none, and its privileges given up. Returns only if that fails, with the exit
+/// code.
 int become_limited(const std::vector<std::string>& words);
 
 }  // namespace sweepvi::service

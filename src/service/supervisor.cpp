@@ -19,6 +19,7 @@
 
 #include "io/output_file.hpp"
 #include "service/attempt.hpp"
+#include "service/child.hpp"
 #include "service/digest.hpp"
 #include "service/files.hpp"
 
@@ -111,7 +112,7 @@ private:
     setpgid(0, 0);
     prctl(PR_SET_PDEATHSIG, SIGTERM);  // a supervisor that is killed leaves no ranks behind
     if (getppid() != parent) _exit(127);
-    set_limit(RLIMIT_CORE, 0);
+    give_up_privileges();
     if (order_.file_bytes > 0) set_limit(RLIMIT_FSIZE, order_.file_bytes);
     signal(SIGXFSZ, SIG_IGN);
     signal(SIGUSR1, SIG_DFL);
