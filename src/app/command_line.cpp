@@ -122,7 +122,7 @@ const std::vector<OptionEntry>& options() {
        {Verb::run, Verb::check, Verb::solve, Verb::study},
        true,
        "for what others wrote: it may name these files only, {\"name\": \"path\"}, and harmless PETSc "
-       "options"},
+       "options; the process can reach no others, see README.md"},
       {"--force", "", {Verb::run, Verb::solve}, true, "replace output files that exist"},
       {"--restart",
        "FILE.h5",

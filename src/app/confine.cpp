@@ -10,9 +10,10 @@
 
 namespace sweepvi::app {
 
-void confine(MPI_Comm comm, const CommandLine& line) {
-  if (!line.confine) return;
-  const std::string text = read_shared_text(comm, *line.confine);
+std::vector<std::string> confine(const CommandLine& line) {
+  clean_petsc_environment(true);
+  if (const std::string refused = why_refused(line.petsc_words); !refused.empty()) throw InputError(refused);
+  const std::string text = read_text(*line.confine);
   std::map<std::string, std::string> files;
   try {
     files = nlohmann::json::parse(text).get<std::map<std::string, std::string>>();
@@ -21,7 +22,11 @@ void confine(MPI_Comm comm, const CommandLine& line) {
         "{} is no list of files; expected a JSON object of names and paths, as in {{\"M.mtx\": \"0\"}}",
         *line.confine));
   }
-  confine_files(std::move(files));  // the words were looked at before PETSc was started, see main
+  std::vector<std::string> paths;
+  for (const auto& [name, path] : files)
+    paths.push_back(path);
+  confine_files(std::move(files));
+  return paths;
 }
 
 void check_options_allowed(const std::string& where, const std::string& options) {

@@ -12,15 +12,14 @@
 #include <system_error>
 #include <vector>
 
-#include "app/allowed_options.hpp"
 #include "app/command_line.hpp"
+#include "app/sandbox.hpp"
 #include "app/service_verbs.hpp"
 #include "app/verbs.hpp"
 #include "app/watch.hpp"
 #include "io/output_file.hpp"
 #include "io/printable.hpp"
 #include "io/table_file.hpp"
-#include "petsc/ambient_options.hpp"
 #include "sweepvi/petsc.hpp"
 
 namespace {
@@ -33,7 +32,6 @@ ExitCode act(MPI_Comm comm, int rank, const app::CommandLine& line) {
       std::fputs(app::help_text(line.verb == app::Verb::help ? line.help_topic : line.verb).c_str(), stdout);
     return ExitCode::done;
   }
-  app::confine(comm, line);
   switch (line.verb) {
     case app::Verb::run:
       return app::run(comm, line);
@@ -96,14 +94,14 @@ void complain(int rank, const char* message) {
 int main(int argc, char** argv) {
   app::CommandLine line;
   std::optional<Error> bad_usage;
+  std::optional<app::Sandbox> sandbox;  // goes after MPI
   try {
     const std::vector<std::string> given(argv + 1, argv + argc);
     app::become_service(given);
     line = app::parse_command_line(given);
-    if (line.confine) {  // before PETSc sees any of it
-      clean_petsc_environment(true);
-      if (const std::string refused = app::why_refused(line.petsc_words); !refused.empty())
-        throw InputError(refused);
+    if (line.confine) {
+      const std::vector<std::string> listed = app::confine(line);
+      sandbox.emplace(app::paths_of(line, listed));
     }
   } catch (const Error& error) {
     bad_usage = error;
@@ -135,6 +133,7 @@ int main(int argc, char** argv) {
     return static_cast<int>(bad_usage->code());
   }
   try {
+    if (sandbox) sandbox->close();
     code = act(session.comm(), rank, line);
     agreed(session.comm(), [&] {
       if (rank == 0) check_output();

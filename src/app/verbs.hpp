@@ -16,11 +16,12 @@ ExitCode study(MPI_Comm comm, const CommandLine& line);
 ExitCode bench(MPI_Comm comm, const CommandLine& line);
 ExitCode info(MPI_Comm comm);
 
-/// `--confine`: from here on, documents name the files of its list only, and options come from a list of
-/// harmless ones. Without that word, nothing.
-/// @throws Error (bad_input) on every rank: no list
-/// @note Collective.
-void confine(MPI_Comm comm, const CommandLine& line);
+/// `--confine`: from here on, documents name the files of its list only, options come from a list of harmless
+/// ones, and PETSc finds none in the environment. To be called before MPI and PETSc start.
+/// @return the files of the list
+/// @throws Error (bad_input): no list, or words for PETSc that are not known to be harmless
+/// @pre line.confine
+std::vector<std::string> confine(const CommandLine& line);
 
 /// Refuses PETSc options of a document that load code or read other options; in a process that is confined,
 /// all that are not known to be harmless.

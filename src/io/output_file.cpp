@@ -84,14 +84,15 @@ std::string fresh_name(const fs::path& path) {
 void replace(const fs::path& path, std::string_view bytes, const fs::path& unfinished) {
   const std::string name = unfinished.empty() ? fresh_name(path) : unfinished.string();
   if (!unfinished.empty()) unlink(name.c_str());
-  // No link that somebody put there is followed, and no file of another run is written on.
-  File file(open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0666));
-  if (file.get() < 0) fail(errno, path);
   struct stat before {};
-  constexpr mode_t permissions = 0777;
   const bool is_there = stat(path.c_str(), &before) == 0;
+  const mode_t mode = is_there ? before.st_mode & mode_t{0777} : mode_t{0666};
+  // No link that somebody put there is followed, and no file of another run is written on.
+  File file(open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, mode));
+  if (file.get() < 0) fail(errno, path);
   int code = write_all(file.get(), bytes);
-  if (code == 0 && is_there && fchmod(file.get(), before.st_mode & permissions) != 0) code = errno;
+  // What the umask took; it may not be given back, to a confined process say, and then fewer may read it.
+  if (is_there) static_cast<void>(fchmod(file.get(), mode));
   if (code == 0 && fsync(file.get()) != 0 && !nothing_to_sync(errno)) code = errno;
   if (const int closing = file.close(); code == 0) code = closing;
   if (code == 0 && std::rename(name.c_str(), path.c_str()) != 0) code = errno;

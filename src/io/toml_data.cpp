@@ -204,27 +204,32 @@ std::string suggestion(std::string_view name, const std::vector<std::string>& kn
   return fmt::format("; known: {}", fmt::join(known, ", "));
 }
 
+std::string read_text(const std::string& path) {
+  constexpr std::size_t limit = 1U << 30U;  // MPI counts with int, and data of that size belong into files
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored))
+    throw InputError(fmt::format("{}: is a folder; expected a TOML file", path));
+  errno = 0;
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw InputError(fmt::format("{}: cannot be opened: {}", path, std::strerror(errno)));
+  std::string text;
+  std::vector<char> block(1U << 16U);
+  while (file.read(block.data(), static_cast<std::streamsize>(block.size())) || file.gcount() > 0) {
+    text.append(block.data(), static_cast<std::size_t>(file.gcount()));
+    if (text.size() > limit)
+      throw InputError(
+          fmt::format("{}: is longer than 1 GiB; keep large matrices in files of their own", path));
+  }
+  if (file.bad()) throw InputError(fmt::format("{}: cannot be read: {}", path, std::strerror(errno)));
+  return text;
+}
+
 std::string read_shared_text(MPI_Comm comm, const std::string& path) {
   std::string text;
   int rank = 0;
   MPI_Comm_rank(comm, &rank);
   agreed(comm, [&] {
-    if (rank != 0) return;
-    constexpr std::size_t limit = 1U << 30U;  // MPI counts with int, and data of that size belong into files
-    std::error_code ignored;
-    if (std::filesystem::is_directory(path, ignored))
-      throw InputError(fmt::format("{}: is a folder; expected a TOML file", path));
-    errno = 0;
-    std::ifstream file(path, std::ios::binary);
-    if (!file) throw InputError(fmt::format("{}: cannot be opened: {}", path, std::strerror(errno)));
-    std::vector<char> block(1U << 16U);
-    while (file.read(block.data(), static_cast<std::streamsize>(block.size())) || file.gcount() > 0) {
-      text.append(block.data(), static_cast<std::size_t>(file.gcount()));
-      if (text.size() > limit)
-        throw InputError(
-            fmt::format("{}: is longer than 1 GiB; keep large matrices in files of their own", path));
-    }
-    if (file.bad()) throw InputError(fmt::format("{}: cannot be read: {}", path, std::strerror(errno)));
+    if (rank == 0) text = read_text(path);
   });
   int length = static_cast<int>(text.size());
   MPI_Bcast(&length, 1, MPI_INT, 0, comm);

@@ -116,7 +116,11 @@ std::string nearest_name(std::string_view name, const std::vector<std::string>& 
 /// "; did you mean 'mass'?", or a list of what is known if nothing is close.
 std::string suggestion(std::string_view name, const std::vector<std::string>& known);
 
-/// The bytes of a text file, read by rank 0.
+/// The bytes of a text file.
+/// @throws Error (bad_input): missing, unreadable, a folder, longer than 1 GiB
+std::string read_text(const std::string& path);
+
+/// The same, read by rank 0.
 /// @throws Error (bad_input) on every rank: missing, unreadable, a folder.  @note Collective on `comm`.
 std::string read_shared_text(MPI_Comm comm, const std::string& path);
 

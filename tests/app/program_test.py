@@ -48,7 +48,7 @@ class Texts(InFolder):
     def test_versions(self):
         text = self.sweepvi("--version").out
         self.assertEqual(text, self.sweepvi("info").out)
-        for name in "sweepvi PETSc MUMPS METIS HDF5 MPI BLAS".split():
+        for name in "sweepvi PETSc MUMPS METIS HDF5 MPI BLAS sandbox".split():
             self.assertRegex(text, rf"(?m)^{name} +\S")
         self.assertRegex(text, r"\(.*(Release|Debug|RelWithDebInfo|MinSizeRel).*\)", "the build type")
         self.assertRegex(text, r"BLAS .*\b1\b", "the threads of BLAS")
