@@ -18,11 +18,12 @@ constexpr double rho = 1e-9;
 // A v beyond this times what v and q are at the start has gone along a null vector of A, which leads it to
 // the size of 1 / rho: there is no solution that way, and far out rounding would pass for one.
 constexpr double escape = 0.1 / rho;
-constexpr double residue = 1e-14;  // of the largest entry of v
+constexpr double residue = 1e-14;  // of the largest entry of v and q: what rounding leaves of 0
 constexpr int most_refinements = 3;
 constexpr double refined = 1e-12;  // residual of a linear system over its right side
 
-constexpr double spring = 1e-2;       // on every row, to find out how large v may become
+constexpr double spring = 1e-2;       // on every row, where the path begins
+constexpr double least_pull = 1e-13;  // what is left of it: more than a factorization rounds
 constexpr int most_path_steps = 100;  // 10 to 30 are usual
 constexpr int most_short_steps = 8;   // in a row: there is no solution, or the problem is not monotone
 constexpr double short_step = 0.05;
@@ -104,6 +105,7 @@ bool InteriorPoint::solve_affine(Vec u, const CertificateOptions& options, Begin
   vi_.to_scaled(u, v_.get());
   size_ = std::max(largest(v_.get()), largest(vi_.q()));
   check(VecCopy(v_.get(), inside.get()));
+  std::fill(active_.begin(), active_.end(), static_cast<signed char>(0));
   if (begin == Begin::by_sets && proximal_steps(u, most_early_steps, options, ratio, result)) return true;
   check(VecCopy(inside.get(), v_.get()));
   enter(result);
@@ -111,6 +113,7 @@ bool InteriorPoint::solve_affine(Vec u, const CertificateOptions& options, Begin
     result.linear_failure = false;
     const bool arrived = follow_path(goal, result);
     check(VecCopy(v_.get(), inside.get()));
+    classify_on_path();
     if (proximal_steps(u, most_last_steps, options, ratio, result)) return true;
     if (!arrived || best_ratio_ <= options.stagnation) break;
     check(VecCopy(inside.get(), v_.get()));
@@ -178,20 +181,33 @@ bool InteriorPoint::without_residue(Vec u, const CertificateOptions& options, co
   return reached <= options.target;
 }
 
-// Sets active_ by v and G. @return whether they are others than those of the factorization
+// Sets active_ by v and G; what they say by no more than rounding leaves it as it was. @return whether they
+// are others than those of the factorization
 bool InteriorPoint::classify() {
+  const double tolerance = residue * std::max(largest(v_.get()), largest(vi_.q()));
   {
     const ReadArray v(v_.get());
     const ReadArray g(g_.get());
     const ReadArray l(vi_.lower());
     const ReadArray b(vi_.upper());
     for (PetscInt i = 0; i < v.size(); ++i) {
-      const bool at_lower = l[i] > PETSC_NINFINITY && v[i] - g[i] <= l[i];
-      const bool at_upper = b[i] < PETSC_INFINITY && v[i] - g[i] >= b[i];
-      active_[static_cast<std::size_t>(i)] = static_cast<signed char>(at_lower ? -1 : at_upper ? 1 : 0);
+      signed char& at = active_[static_cast<std::size_t>(i)];
+      const auto margin = [&](int side) { return at == side ? -tolerance : tolerance; };
+      const bool at_lower = l[i] > PETSC_NINFINITY && g[i] - (v[i] - l[i]) >= margin(-1);
+      const bool at_upper = b[i] < PETSC_INFINITY && (v[i] - b[i]) - g[i] >= margin(1);
+      at = static_cast<signed char>(at_lower ? -1 : at_upper ? 1 : 0);
     }
   }
   return largest_of(problem_.comm(), active_ == factored_ ? 0.0 : 1.0) > 0.0;
+}
+
+// Sets active_ by which factor of each product is the smaller one.
+void InteriorPoint::classify_on_path() {
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    const bool at_lower = below_[i] != 0 && gap_l_[i] <= zl_[i];
+    const bool at_upper = above_[i] != 0 && gap_u_[i] <= zu_[i];
+    active_[i] = static_cast<signed char>(at_lower ? -1 : at_upper ? 1 : 0);
+  }
 }
 
 bool InteriorPoint::escaped() const {
@@ -283,19 +299,25 @@ void InteriorPoint::enter(Result& result) {
     }
   }
   MPI_Allreduce(&count, &bounds_, 1, MPI_DOUBLE, MPI_SUM, problem_.comm());
+  mu_at_start_ = mean_product(nullptr, 0.0);
 }
 
 // On from v_, zl_, zu_ until the products are below (goal size)^2 on average. @return false if that fails
 bool InteriorPoint::follow_path(double goal, Result& result) {
   int short_steps = 0;
   for (int step = 0; step < most_path_steps; ++step) {
+    const double mu = mean_product(nullptr, 0.0);
+    const double left = mu_at_start_ > 0.0 ? std::min(1.0, mu / mu_at_start_) : 0.0;
+    pull_ = std::max(least_pull, spring * left);
     vi_.residual(v_.get(), g_.get());
     {
+      const ReadArray v(v_.get());
       const WriteArray g(g_.get());
-      for (std::size_t i = 0; i < zl_.size(); ++i)
-        g[static_cast<PetscInt>(i)] += zu_[i] - zl_[i];
+      for (std::size_t i = 0; i < zl_.size(); ++i) {
+        const auto row = static_cast<PetscInt>(i);
+        g[row] += zu_[i] - zl_[i] + pull_ * vi_.regularisation()[i] * v[row];
+      }
     }
-    const double mu = mean_product(nullptr, 0.0);
     const double residual = largest(g_.get());
     const double size = std::max(largest(v_.get()), largest(vi_.q()));
     if (!std::isfinite(mu) || !std::isfinite(residual) || escaped()) return false;
@@ -310,16 +332,16 @@ bool InteriorPoint::follow_path(double goal, Result& result) {
   return false;
 }
 
-// S (A + diag(zl / (v - l) + zu / (b - v)) + rho diag(s)) S, where S makes large entries of the diagonal 1.
+// S (A + diag(zl / (v - l) + zu / (b - v) + pull s)) S, where S makes large entries of the diagonal 1.
 void InteriorPoint::set_newton_matrix() {
   {
     const WriteArray scale(scale_.get());
     const WriteArray shift(shift_.get());
     for (std::size_t i = 0; i < stiffness_.size(); ++i) {
       const auto row = static_cast<PetscInt>(i);
-      stiffness_[i] = zl_[i] / gap_l_[i] + zu_[i] / gap_u_[i];
+      stiffness_[i] = zl_[i] / gap_l_[i] + zu_[i] / gap_u_[i] + pull_ * vi_.regularisation()[i];
       scale[row] = 1.0 / std::sqrt(std::max(1.0, stiffness_[i]));
-      shift[row] = scale[row] * scale[row] * (stiffness_[i] + rho * vi_.regularisation()[i]);
+      shift[row] = scale[row] * scale[row] * stiffness_[i];
     }
   }
   set_matrix(scale_.get(), scale_.get());

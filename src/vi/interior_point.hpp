@@ -17,23 +17,24 @@ namespace sweepvi {
 /// 1. Mehrotra's predictor-corrector, an interior-point method. Positive zl, zu stand for the two signs of
 ///    G = A v + q,
 ///
-///        A v + q - zl + zu = 0,     (v - l) zl = mu,     (b - v) zu = mu,     mu -> 0,
+///        A v + q + pull diag(s) v - zl + zu = 0,   (v - l) zl = mu,   (b - v) zu = mu,   mu -> 0,
 ///
-///    for the bounds that there are. A Newton step solves with A + diag(zl / (v - l) + zu / (b - v)), which
-///    is nonsingular where A is monotone and its rows without bounds are independent; where they are not, rho
-///    diag(s) is added and taken back by refinement. 10 to 30 factorizations, whatever the size. It converges
-///    for monotone problems that have a solution, to one with the largest sets of positive v - l, b - v and
-///    of |G|: where multipliers are not unique, to the analytic centre of their set.
+///    for the bounds that there are. The pull towards 0 goes with mu, from the spring of 1e-2 with which the
+///    path begins to 1e-13 (A. N. Tikhonov): with it the path exists and stays near the solutions also where
+///    no v has v > l and G > 0 in all rows, as transport that just meets its demand, and without it runs away
+///    along null vectors of A. A Newton step solves with A + diag(zl / (v - l) + zu / (b - v) + pull s),
+///    which is nonsingular where A is monotone. 10 to 30 factorizations, whatever the size. It converges for
+///    monotone problems that have a solution.
 ///
 /// 2. Proximal steps by active sets, which make the solution exact. With the sets that v tells,
 ///
-///        rows with v - G <= l:  v_new = l;   v - G >= b:  v_new = b;   the others:
+///        rows with v - G <= l:  v_new = l;   v - G >= b:  v_new = b;   (by more than rounding)   the others:
 ///        G(v) + (A + rho diag(s)) (v_new - v) = 0:
 ///
 ///    one iteration of the proximal point method with its centre at v, whose fixed points are solutions
 ///    whatever rho, and whose matrix is not singular where rows of A are dependent. It ends in one or two
-///    steps from where 1. has led; and before 1. it is tried from where the step begins: there it ends soon
-///    where the sets are nearly those of the last step.
+///    steps from where 1. has led, with the sets of that path first; and before 1. it is tried from where the
+///    step begins: there it ends soon where the sets are nearly those of the last step.
 ///
 /// Not monotone: nothing is claimed, an attempt like others. Where F is not affine, it is linearised at the
 /// solution of the last linearisation.
@@ -85,6 +86,7 @@ private:
   bool without_residue(Vec u, const CertificateOptions& options, const Ratio& ratio);
   bool escaped() const;
   bool classify();
+  void classify_on_path();
   void set_proximal_matrix();
   void set_proximal_right_side();
   void put_on_bounds();
@@ -113,10 +115,11 @@ private:
   std::vector<char> below_, above_;  // whether there is a lower, an upper bound
   std::vector<double> zl_, zu_;
   std::vector<double> gap_l_, gap_u_;  // v - l, b - v, without the rounding of v; 1 where there is no bound
-  std::vector<double> stiffness_;      // zl / (v - l) + zu / (b - v)
+  std::vector<double> stiffness_;      // zl / (v - l) + zu / (b - v) + pull s
   std::vector<double> change_l_, change_u_;  // second-order changes of the products
   Direction predictor_, way_;
   double bounds_ = 0.0;  // their number, of all ranks
+  double mu_at_start_ = 0.0, pull_ = 0.0;
 };
 
 }  // namespace sweepvi
