@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 100
 """What lies about, in the working directory, the home folder or the environment, changes nothing and loads nothing."""
 

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 120
 """`sweepvi bench`: what it counts, what it writes, what it refuses, and that the scenes of examples/scaling keep changing
 contact. Never how fast."""

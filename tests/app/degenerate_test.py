@@ -1,4 +1,4 @@
-# ranks: 3
+# ranks: 1
 # timeout: 240
 """`sweepvi solve` on degenerate monotone problems beyond the size that pivoting takes: linear programs, dependent rows,
 obstacle problems. Judged by the natural residual, added up by numpy, and by the optimal value that HiGHS (scipy) finds."""

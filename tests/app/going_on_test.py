@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 240
 """A run that was stopped and gone on with leaves the file of a run that was not; nothing else can be gone on with."""
 

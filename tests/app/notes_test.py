@@ -1,6 +1,6 @@
 """What is not as it was asked for is told: in the last lines of a run, in its summary and in its file, with how often.
 And what is no departure at all: a wave whose front decays below the range of numbers."""
-# ranks: 2
+# ranks: 1
 
 import unittest
 from pathlib import Path

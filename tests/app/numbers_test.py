@@ -1,5 +1,5 @@
 """Numbers are looked at before they are used: step matrices, signals, tolerances, coordinates; and gaps are positions."""
-# ranks: 2
+# ranks: 1
 
 import json
 import math

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 120
 """Files that the program makes, under every kind of name: devices and pipes are written in place and stay what they are,
 links are followed and stay, regular files are replaced whole, and what is lost on standard output is told."""

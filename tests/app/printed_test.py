@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 120
 """Texts that others wrote, printed: none forges a line of ours, moves the cursor, rings, or hides what it says."""
 

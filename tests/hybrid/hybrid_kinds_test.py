@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 300
 """What the scheme hybrid has to hold on models of every kind: outputs from states, any number of events at one time, contacts
 that others open, components of different units, branches with D, no drift, an error that is estimated; on one and two ranks."""

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 """Files as scipy, numpy, h5py, petsc4py, PetscBinaryIO, MATLAB, Octave, Julia and Fortran write them: what is read is, bit
 for bit, what was written, or the file is refused. Matrices are not symmetric, so that a transposed one is another."""
 

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 180
 """What a daemon keeps: a folder that is not its own is left alone, and whatever happens to the queue, its rows, its disk
 or its folders, no job is lost, none comes twice, and everything goes on."""

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 120
 """Requests that mean harm: a few thousand; hostile_full_test.py sends a hundred thousand."""
 

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # labels: no-sanitize
 # timeout: 240
 """A daemon that is killed finds its runs again, and what nobody watched any more is told so."""

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # labels: no-sanitize
 # timeout: 240
 """Stopping, going on, and failures of runs."""

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 120
 """Requests whose ends or hosts two readers could see differently, names that only look like ours, and connections that
 say nothing: refused, refused, and no burden to others."""

@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 # timeout: 240
 """The service from outside: jobs from submission to result, by HTTP and by the client."""
 

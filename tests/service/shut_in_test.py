@@ -1,4 +1,4 @@
-# ranks: 2
+# ranks: 1
 """What the processes of a job may do, as Linux tells it: no new privileges for all of them; for ranks and checks no
 capabilities and a filter of system calls; nothing of the daemon's environment that programs do not need."""
 
