@@ -11,6 +11,11 @@
 
 namespace sweepvi::service {
 
+/// In the environment that processes begin with, with the folder of the attempt: of its supervisor, and of
+/// all that the supervisor starts.
+inline constexpr const char* supervisor_mark = "SWEEPVI_SUPERVISOR";
+inline constexpr const char* attempt_mark = "SWEEPVI_ATTEMPT";
+
 /// What a supervisor is to run, and within which limits.
 struct Order {
   std::vector<std::string> words;  ///< of the program that launches the ranks

@@ -45,10 +45,12 @@ bool is_passed_on(std::string_view entry) {
                       [&](const char* family) { return name.starts_with(family); }));
 }
 
-std::vector<char*> passed_environment() {
+/// @param mark  NAME=value, added to it unless empty; outlives the result
+std::vector<char*> passed_environment(std::string& mark) {
   std::vector<char*> entries;
   for (char** entry = environ; *entry != nullptr; ++entry)
     if (is_passed_on(*entry)) entries.push_back(*entry);
+  if (!mark.empty()) entries.push_back(mark.data());
   entries.push_back(nullptr);
   return entries;
 }
@@ -70,7 +72,7 @@ public:
   posix_spawn_file_actions_t actions{};
   posix_spawnattr_t attributes{};
 
-  int start(const std::vector<std::string>& words, short flags) {
+  int start(const std::vector<std::string>& words, short flags, std::string mark = {}) {
     // The program begins with default signals, whatever this one ignores.
     sigset_t all;
     sigset_t none;
@@ -88,7 +90,7 @@ public:
     argv.push_back(nullptr);
     pid_t pid = 0;
     const int error =
-        posix_spawnp(&pid, argv[0], &actions, &attributes, argv.data(), passed_environment().data());
+        posix_spawnp(&pid, argv[0], &actions, &attributes, argv.data(), passed_environment(mark).data());
     if (error != 0) fail(error, words[0]);
     return pid;
   }
@@ -155,13 +157,14 @@ ChildResult run_child(const std::vector<std::string>& words, const std::filesyst
   return result;
 }
 
-int start_apart(const std::vector<std::string>& words, const std::filesystem::path& folder) {
+int start_apart(const std::vector<std::string>& words, const std::filesystem::path& folder,
+                std::string mark) {
   Plan plan;
   posix_spawn_file_actions_addopen(&plan.actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
   posix_spawn_file_actions_addopen(&plan.actions, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
   posix_spawn_file_actions_addopen(&plan.actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
   posix_spawn_file_actions_addchdir_np(&plan.actions, folder.c_str());
-  return plan.start(words, POSIX_SPAWN_SETSID);
+  return plan.start(words, POSIX_SPAWN_SETSID, std::move(mark));
 }
 
 void give_up_privileges() {

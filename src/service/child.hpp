@@ -29,9 +29,10 @@ ChildResult run_child(const std::vector<std::string>& words, const std::filesyst
                       const ChildLimits& limits);
 
 /// Starts a program as the leader of a session of its own, with nothing open but /dev/null.
+/// @param mark  NAME=value, more of its environment
 /// @return its process number
 /// @throws std::system_error
-int start_apart(const std::vector<std::string>& words, const std::filesystem::path& folder);
+int start_apart(const std::vector<std::string>& words, const std::filesystem::path& folder, std::string mark);
 
 /// From here on neither this process nor what it starts gets more rights, as by set-user-ID programs, or
 /// leaves a core.

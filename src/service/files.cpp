@@ -100,23 +100,25 @@ std::int64_t size_below(const fs::path& folder) {
   return bytes;
 }
 
-void end_processes_with(const std::string& name, const std::string& value) {
+int signal_processes_with(const std::string& name, const std::string& value, int signal) {
   std::string mark = name + "=" + value;
   mark.push_back('\0');
   std::error_code failure;
-  for (int round = 0; round < 20; ++round) {
-    bool found = false;
-    for (const fs::directory_entry& entry : fs::directory_iterator("/proc", failure)) {
-      const int pid = static_cast<int>(std::strtol(entry.path().filename().c_str(), nullptr, 10));
-      if (pid <= 1 || pid == getpid()) continue;
-      const std::optional<std::string> environment = read_file(entry.path() / "environ");
-      if (!environment || environment->find(mark) == std::string::npos) continue;
-      found = true;
-      kill(pid, SIGKILL);
-    }
-    if (!found) return;
-    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  int found = 0;
+  for (const fs::directory_entry& entry : fs::directory_iterator("/proc", failure)) {
+    const int pid = static_cast<int>(std::strtol(entry.path().filename().c_str(), nullptr, 10));
+    if (pid <= 1 || pid == getpid()) continue;
+    const std::optional<std::string> environment = read_file(entry.path() / "environ");
+    if (!environment || environment->find(mark) == std::string::npos) continue;
+    ++found;
+    kill(pid, signal);
   }
+  return found;
+}
+
+void end_processes_with(const std::string& name, const std::string& value) {
+  for (int round = 0; round < 20 && signal_processes_with(name, value, SIGKILL) > 0; ++round)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
 }
 
 double now() {

@@ -44,8 +44,10 @@ bool for_want_of_room(const std::exception& error);
 /// Bytes of all files below a folder; 0 if there is none.
 std::int64_t size_below(const std::filesystem::path& folder);
 
-/// Ends every process, but for this one, that began with NAME=value in its environment, and waits until they
-/// are gone (for a second at most).
+/// Sends a signal to every process, but for this one, that began with NAME=value in its environment.
+/// @return their number
+int signal_processes_with(const std::string& name, const std::string& value, int signal);
+/// Ends them, and waits until they are gone (for a second at most).
 void end_processes_with(const std::string& name, const std::string& value);
 
 /// Seconds since 1970, UTC.

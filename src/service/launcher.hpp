@@ -36,6 +36,10 @@ public:
   virtual Whereabouts poll(const Attempt& attempt, const Job& job) = 0;
   /// Has it stop in order, if it can; called once, after Attempt::ask_to_stop().
   virtual void stop(const Attempt& attempt, const Job& job) = 0;
+  /// Lets a supervisor that is overdue go on, if somebody stopped its process.
+  virtual void wake(const Attempt& /*attempt*/) {}
+  /// Ends the processes of an attempt whose supervisor does not.
+  virtual void end(const Attempt& /*attempt*/) {}
   /// "2 cores of this machine, by mpirun".
   virtual std::string describe() const = 0;
 };

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <sys/wait.h>
 
+#include <csignal>
 #include <map>
 
 #include "service/child.hpp"
@@ -16,7 +17,8 @@ public:
 
   void launch(const Attempt& attempt, const Job&) override {
     supervisors_[attempt.folder()] =
-        start_apart({own_path().string(), "supervise", attempt.folder().string()}, "/");
+        start_apart({own_path().string(), "supervise", attempt.folder().string()}, "/",
+                    supervisor_mark + ("=" + attempt.folder().string()));
   }
 
   Whereabouts poll(const Attempt& attempt, const Job&) override {
@@ -38,6 +40,15 @@ public:
   }
 
   void stop(const Attempt&, const Job&) override {}  // its supervisor looks
+
+  void wake(const Attempt& attempt) override {
+    signal_processes_with(supervisor_mark, attempt.folder().string(), SIGCONT);
+  }
+
+  void end(const Attempt& attempt) override {
+    end_processes_with(supervisor_mark, attempt.folder().string());
+    end_processes_with(attempt_mark, attempt.folder().string());
+  }
 
   std::string describe() const override {
     return fmt::format("{} cores of this machine, by mpirun", settings_.cores);

@@ -2,7 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <chrono>
+#include <utility>
 
 #include "io/printable.hpp"
 #include "service/work.hpp"
@@ -13,6 +15,7 @@ namespace {
 constexpr auto interval = std::chrono::milliseconds(100);
 constexpr auto after_trouble = std::chrono::milliseconds(2000);
 constexpr double disk_interval = 0.5;  // s
+constexpr double overdue = 5.0;        // s, after the last signal's grace: its supervisor does not react
 }  // namespace
 
 Scheduler::Scheduler(Queue& queue, const Store& store, const Settings& settings, Launcher& launcher)
@@ -81,17 +84,14 @@ void Scheduler::look_at(const Job& job) {
   const Whereabouts found = launcher_.poll(attempt, job);
   switch (found.kind) {
     case Whereabouts::Kind::under_way:
-      return;
+      return watch(job, attempt);
     case Whereabouts::Kind::ended:
       conclude(job, attempt.ending().value_or(Ending()));
       break;
     case Whereabouts::Kind::lost:
-      end_processes_with("SWEEPVI_ATTEMPT", attempt.folder().string());
+      end_processes_with(attempt_mark, attempt.folder().string());
       attempt.remove_scratch();
-      give_up(job, State::interrupted,
-              fmt::format("its processes are gone without a word{}; resume goes on from {}",
-                          found.reason.empty() ? "" : " (" + found.reason + ")",
-                          has_checkpoint(store_.job(job)) ? "its last checkpoint" : "the start"));
+      give_up_lost(job, found.reason);
       break;
     case Whereabouts::Kind::never_began:
       if (found.reason.empty())
@@ -102,6 +102,45 @@ void Scheduler::look_at(const Job& job) {
   }
   told_to_stop_.erase(job.id);
   too_large_.erase(job.id);
+  watched_.erase(job.id);
+}
+
+// A supervisor that was stopped (SIGSTOP) sees neither a request to stop nor a limit of time. Once either is
+// due it is let go on; where that does not help, all that it supervises is ended.
+void Scheduler::watch(const Job& job, const Attempt& attempt) {
+  const auto [at, first] = watched_.try_emplace(job.id);
+  Watched& watched = at->second;
+  const double time = ticks();
+  if (first) {
+    watched.begin = time;
+    watched.limit = attempt.order().seconds;
+  }
+  const bool told = told_to_stop_.contains(job.id) || too_large_.contains(job.id);
+  if (told && watched.stop == 0.0) watched.stop = time;
+  const double late = watched.limit > 0.0 ? watched.begin + watched.limit : time + 1.0;
+  const double due = watched.stop > 0.0 ? std::min(watched.stop, late) : late;
+  constexpr double moment = 1.0;  // s: more than a supervisor takes to look around
+  if (time < due + moment) return;
+  if (!std::exchange(watched.woken, true)) launcher_.wake(attempt);
+  constexpr int signals = 3;  // each with its grace, see Supervisor
+  if (time < due + signals * settings_.grace + overdue) return;
+  launcher_.end(attempt);
+  watched.ended = true;
+}
+
+void Scheduler::give_up_lost(const Job& job, const std::string& reason) {
+  const auto watched = watched_.find(job.id);
+  const bool ended = watched != watched_.end() && watched->second.ended;
+  const std::string from = has_checkpoint(store_.job(job)) ? "its last checkpoint" : "the start";
+  const auto large = too_large_.find(job.id);
+  if (large != too_large_.end()) return give_up(job, State::failed, large->second);
+  if (ended)
+    return give_up(
+        job, job.stop_asked ? State::cancelled : State::interrupted,
+        fmt::format("it was ended, for its supervisor did not stop it; resume goes on from {}", from));
+  give_up(job, State::interrupted,
+          fmt::format("its processes are gone without a word{}; resume goes on from {}",
+                      reason.empty() ? "" : " (" + reason + ")", from));
 }
 
 void Scheduler::conclude(const Job& job, const Ending& ending) {

@@ -31,8 +31,10 @@ private:
   void work();
   void look_at_all();
   void look_at(const Job& job);
+  void watch(const Job& job, const Attempt& attempt);
   void conclude(const Job& job, const Ending& ending);
   void give_up(const Job& job, State state, const std::string& message);
+  void give_up_lost(const Job& job, const std::string& reason);
   void measure_disk();
   void stop_for_room(const Job& job, const std::string& reason);
   std::int64_t room_left() const;
@@ -43,6 +45,14 @@ private:
   const Store& store_;
   const Settings& settings_;
   Launcher& launcher_;
+  /// An attempt under way, by our clock.
+  struct Watched {
+    double begin = 0.0;                 // when it was first seen
+    double limit = 0.0;                 // its supervisor's [s]; 0: none
+    double stop = 0.0;                  // when it was asked to stop; 0: it was not
+    bool woken = false, ended = false;  // by us, being overdue
+  };
+  std::map<std::int64_t, Watched> watched_;
   std::set<std::int64_t> told_to_stop_;
   std::map<std::int64_t, std::string> too_large_;  // stopped for it, and why
   std::set<std::int64_t> troubled_;                // what went wrong with them was told

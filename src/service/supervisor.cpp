@@ -27,7 +27,6 @@ namespace sweepvi::service {
 
 namespace {
 
-constexpr const char* mark = "SWEEPVI_ATTEMPT";
 constexpr int look_around = 50;  // ms between looks at the folder
 
 volatile std::sig_atomic_t stop_signal = 0;
@@ -79,7 +78,7 @@ public:
       if (ended == pid_ || (ended < 0 && errno != EINTR)) break;
       stop_if_asked();
     }
-    end_processes_with(mark, attempt_.folder().string());
+    end_processes_with(attempt_mark, attempt_.folder().string());
     while (waitpid(-1, nullptr, WNOHANG) > 0) {
     }
     while (output_ && copy_output(0)) {
@@ -100,7 +99,7 @@ private:
     logged_ = lseek(log_.get(), 0, SEEK_END);
     ending_.log_from = logged_;
     prctl(PR_SET_CHILD_SUBREAPER, 1);  // ranks whose mpirun is gone come here
-    setenv(mark, attempt_.folder().c_str(), 1);
+    setenv(attempt_mark, attempt_.folder().c_str(), 1);
     began_ = ticks();
     const pid_t parent = getpid();
     pid_ = fork();
@@ -167,7 +166,7 @@ private:
     last_ = time;
     // mpirun passes the first two on. Its group has no ranks: they are in groups of their own.
     kill(signal == SIGKILL ? -pid_ : pid_, signal);
-    if (signal == SIGKILL) end_processes_with(mark, attempt_.folder().string());
+    if (signal == SIGKILL) end_processes_with(attempt_mark, attempt_.folder().string());
     ending_.forced = signal != SIGUSR1;
   }
 
@@ -185,6 +184,7 @@ private:
 }  // namespace
 
 int supervise(const std::filesystem::path& folder) {
+  unsetenv(supervisor_mark);  // it is not what this one starts
   struct sigaction action {};
   action.sa_handler = note_stop;
   sigemptyset(&action.sa_mask);

@@ -286,7 +286,12 @@ def supervised(attempt):
 
 
 def processes_of(folder):
-    """Numbers of processes that belong to jobs in a data folder."""
+    """Numbers of processes that belong to jobs in a data folder, without their supervisors."""
+    return processes_with(b"SWEEPVI_ATTEMPT=" + str(folder).encode())
+
+
+def processes_with(mark):
+    """Numbers of processes with this text in the environment that they began with."""
     found = []
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
@@ -295,9 +300,14 @@ def processes_of(folder):
             environment = (entry / "environ").read_bytes()
         except OSError:
             continue
-        if b"SWEEPVI_ATTEMPT=" + str(folder).encode() in environment:
+        if mark in environment:
             found.append(int(entry.name))
     return found
+
+
+def supervisors_of(folder):
+    """Numbers of the supervisors of attempts in a data folder."""
+    return processes_with(b"SWEEPVI_SUPERVISOR=" + str(folder).encode())
 
 
 def signal_ranks(folder, number):

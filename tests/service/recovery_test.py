@@ -5,8 +5,10 @@
 
 import contextlib
 import json
+import os
 import signal
 import sys
+import threading
 import time
 import unittest
 from pathlib import Path
@@ -136,6 +138,50 @@ class Stopping(InService):
         self.assertEqual(job["state"], "cancelled", job)
         self.assertLess(time.monotonic() - begin, 8)
         self.assertEqual(daemon.processes_of(self.daemon.data), [])
+
+    @contextlib.contextmanager
+    def stopped_supervisor(self, again):
+        """It cannot look at anything, for good if somebody stops it again and again."""
+        while not daemon.processes_of(self.daemon.data):
+            time.sleep(0.02)
+        (supervisor,) = daemon.supervisors_of(self.daemon.data)
+        os.kill(supervisor, signal.SIGSTOP)
+        done = threading.Event()
+
+        def stop():
+            while again and not done.wait(0.02):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(supervisor, signal.SIGSTOP)
+
+        thread = threading.Thread(target=stop)
+        thread.start()
+        yield
+        done.set()
+        thread.join()
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(supervisor, signal.SIGCONT)
+
+    def test_supervisors_that_were_stopped(self):
+        """Cancelling works, in order where they can be let go on; and so do limits of time."""
+        self.daemon.kill()
+        self.daemon.grace = 0.3
+        self.daemon.start()
+        number = self.accepted(self.daemon.submit(LONG))
+        self.daemon.wait_for_progress(number)
+        with self.stopped_supervisor(again=False):
+            job = self.cancelled(number)
+        self.assertEqual((job["state"], job["exit"], job["checkpoint"]), ("cancelled", 4, True), job)
+        self.resumed(number)
+        with self.stopped_supervisor(again=True):
+            job = self.cancelled(number)
+        self.assertEqual(job["state"], "cancelled", job)
+        self.assertIn("its supervisor did not stop it", job["message"])
+        self.assertEqual(daemon.processes_of(self.daemon.data) + daemon.supervisors_of(self.daemon.data), [])
+        study = self.accepted(self.daemon.submit(LONG, verb="study", steps=[1e-3], repeats=1, wall_limit=1.0))
+        with self.stopped_supervisor(again=True):
+            job = self.daemon.wait(study)
+        self.assertEqual(job["state"], "interrupted", job)
+        self.assertIn("its supervisor did not stop it", job["message"])
 
     def test_order_by_priority_then_age(self):
         blocker = self.accepted(self.daemon.submit(LONG, ranks=2))
