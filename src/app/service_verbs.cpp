@@ -12,6 +12,7 @@ namespace sweepvi::app {
 const std::vector<std::pair<std::string, std::string>>& service_verbs() {
   static const std::vector<std::pair<std::string, std::string>> verbs = {
       {"serve", "queue and run what others hand in over HTTP"},
+      {"fsck", "say what is wrong with a server's data folder, and mend it"},
       {"submit", "hand in a run, solve or study to a server, with the words it has here"},
       {"jobs", "list the jobs of a server"},
       {"watch", "follow a job until it ends"},

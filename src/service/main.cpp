@@ -10,6 +10,7 @@
 #include "io/printable.hpp"
 #include "service/child.hpp"
 #include "service/client.hpp"
+#include "service/fsck.hpp"
 #include "service/refusal.hpp"
 #include "service/remote.hpp"
 #include "service/service.hpp"
@@ -50,10 +51,11 @@ int serve(const std::vector<std::string>& words) {
 
 int act(const std::string& verb, const std::vector<std::string>& words) {
   if (verb == "serve") return serve(words);
+  if (verb == "fsck") return act_as_fsck(words);
   if (verb == "supervise" && words.size() == 1) return supervise(words[0]);
   if (verb == "limited") return become_limited(words);
   if (is_client_verb(verb)) return act_as_client(verb, words);
-  throw UsageError("expected serve, submit, jobs, watch, fetch, cancel or resume; see 'sweepvi help'");
+  throw UsageError("expected serve, fsck, submit, jobs, watch, fetch, cancel or resume; see 'sweepvi help'");
 }
 
 }  // namespace

@@ -162,6 +162,20 @@ void Queue::migrate() {
   transaction.commit();
 }
 
+std::vector<Queue::Row> Queue::rows_in(const std::filesystem::path& path) {
+  const Database database(path.string());
+  if (const std::int64_t found = database.number("PRAGMA user_version"); found != version)
+    throw UsageError(fmt::format("its schema is {}, this version works with {}", found, version));
+  std::vector<Row> found;
+  Statement rows(database, columns);
+  while (rows.step()) {
+    Job job = read_job(rows);
+    std::string damage = damage_in(job, rows.text(1));
+    found.push_back({std::move(job), std::move(damage)});
+  }
+  return found;
+}
+
 std::optional<std::string> Queue::name_in(const std::filesystem::path& path) {
   try {
     const Database database(path, Database::Use::look);

@@ -31,6 +31,14 @@ public:
   /// The name of the queue in a file; nothing if that is no queue. Writes nothing.
   static std::optional<std::string> name_in(const std::filesystem::path& path);
 
+  struct Row {
+    Job job;
+    std::string damage;  ///< empty: none
+  };
+  /// All rows of the queue in a file, damaged or not.
+  /// @throws UsageError  if another version made it  @throws DatabaseError
+  static std::vector<Row> rows_in(const std::filesystem::path& path);
+
   struct Added {
     Job job;
     bool is_new = false;  ///< false: there was one with this key already

@@ -44,15 +44,6 @@ const std::vector<Option>& options() {
   return entries;
 }
 
-fs::path default_data() {
-  const char* state = std::getenv("XDG_STATE_HOME");
-  if (state != nullptr && *state == '/') return fs::path(state) / "sweepvi";
-  const char* home = std::getenv("HOME");
-  if (home == nullptr || *home != '/')
-    throw UsageError("there is no $HOME; say where to work with --data FOLDER");
-  return fs::path(home) / ".local/state/sweepvi";
-}
-
 /// scripts/plot, installed beside this program or in the sources it was built from.
 fs::path find_plot(const fs::path& own) {
   const fs::path folder = own.parent_path();
@@ -63,6 +54,15 @@ fs::path find_plot(const fs::path& own) {
 }
 
 }  // namespace
+
+fs::path default_data() {
+  const char* state = std::getenv("XDG_STATE_HOME");
+  if (state != nullptr && *state == '/') return fs::path(state) / "sweepvi";
+  const char* home = std::getenv("HOME");
+  if (home == nullptr || *home != '/')
+    throw UsageError("there is no $HOME; say where to work with --data FOLDER");
+  return fs::path(home) / ".local/state/sweepvi";
+}
 
 std::string Settings::host() const {
   std::string host = listen.substr(0, listen.rfind(':'));

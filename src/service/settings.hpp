@@ -35,6 +35,9 @@ struct Settings {
   bool on_loopback() const;
 };
 
+/// Where the queue and its jobs are unless --data says so. @throws UsageError
+std::filesystem::path default_data();
+
 /// @throws UsageError for words that make no sense together, a token file that others may read, ...
 Settings read_settings(const std::vector<std::string>& words);
 
