@@ -239,7 +239,10 @@ void give_up_privileges() {
     int process = 0;
   } header;
   const std::array<std::uint32_t, 6> nothing{};
-  if (syscall(SYS_capset, &header, nothing.data()) != 0) fail("capabilities", errno);
+  if (syscall(SYS_capset, &header, nothing.data()) == 0) return;
+  const int error = errno;  // a service manager's filter may refuse the call, having taken them itself
+  std::array<std::uint32_t, 6> left{};
+  if (syscall(SYS_capget, &header, left.data()) != 0 || left != nothing) fail("capabilities", error);
 }
 
 }  // namespace
