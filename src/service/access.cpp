@@ -9,16 +9,29 @@
 namespace sweepvi::service {
 
 Access::Access(const Settings& settings)
-    : open_(settings.token.empty()),
+    : open_(settings.open()),
       on_socket_(settings.on_socket()),
       on_loopback_(settings.on_loopback()),
-      digest_(digest_of(settings.token)) {}
+      users_(settings.users) {
+  for (const User& user : users_)
+    digests_.push_back(digest_of(user.token));
+}
 
-bool Access::has_token(const std::string& authorization) const {
+// All of them are compared: how long that takes tells nothing.
+const User* Access::with_token(const std::string& authorization) const {
   constexpr std::string_view scheme = "Bearer ";
   const bool bearer = authorization.starts_with(scheme);
   const std::string given = digest_of(bearer ? authorization.substr(scheme.size()) : std::string());
-  return CRYPTO_memcmp(given.data(), digest_.data(), digest_.size()) == 0 && bearer;
+  const User* found = nullptr;
+  for (std::size_t i = 0; i < users_.size(); ++i)
+    if (CRYPTO_memcmp(given.data(), digests_[i].data(), given.size()) == 0) found = &users_[i];
+  return bearer ? found : nullptr;
+}
+
+const User& Access::user_of(const httplib::Request& request) const {
+  const User* user = open_ ? &users_.front() : with_token(request.get_header_value("Authorization"));
+  if (user == nullptr) throw Refusal(401, "a bearer token is needed: Authorization: Bearer TOKEN");
+  return *user;
 }
 
 // Elsewhere the token keeps strangers out, and proxies may use any name.
@@ -39,8 +52,7 @@ void Access::check(const httplib::Request& request) const {
   // What says nothing about anybody's work needs no token.
   for (const char* path : {"/", "/healthz", "/openapi.json"})
     if (request.path == path && request.method == "GET") return;
-  if (!open_ && !has_token(request.get_header_value("Authorization")))
-    throw Refusal(401, "a bearer token is needed: Authorization: Bearer TOKEN");
+  static_cast<void>(user_of(request));
 }
 
 }  // namespace sweepvi::service

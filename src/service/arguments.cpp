@@ -50,7 +50,10 @@ std::string Arguments::get(const std::string& word, const std::string& otherwise
 
 double Arguments::number(const std::string& word, double otherwise, double least, double most) const {
   if (!has(word)) return otherwise;
-  const std::string& text = values_.at(word);
+  return number_in(word + " ", values_.at(word), least, most);
+}
+
+double number_in(const std::string& what, const std::string& text, double least, double most) {
   char* end = nullptr;
   double value = std::strtod(text.c_str(), &end);
   const std::string suffixes = "KMGT";
@@ -60,7 +63,7 @@ double Arguments::number(const std::string& word, double otherwise, double least
     ++end;
   }
   if (end == text.c_str() || *end != '\0' || !(value >= least) || !(value <= most))
-    throw UsageError(fmt::format("{} {}: expected a number from {:g} to {:g}", word, text, least, most));
+    throw UsageError(fmt::format("{}{}: expected a number from {:g} to {:g}", what, text, least, most));
   return value;
 }
 

@@ -35,6 +35,10 @@ private:
   std::vector<std::string> operands_, rest_;
 };
 
+/// A number from `least` to `most`; bytes may end in K, M, G or T (powers of 1024).
+/// @param what  is complained of: "--grace 1x"  @throws UsageError
+double number_in(const std::string& what, const std::string& text, double least, double most);
+
 /// A table of options as help shows it.
 std::string option_table(const std::vector<Option>& options);
 

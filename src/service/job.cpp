@@ -70,6 +70,7 @@ std::string notes_of(const Job& job) {
                       {"key", job.request.key},
                       {"digest", job.request.digest},
                       {"report", job.request.report},
+                      {"owner", job.request.owner},
                       {"submitted", job.submitted}};
   return notes.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
 }
@@ -79,8 +80,9 @@ std::optional<Job> job_in_notes(const std::string& bytes) {
   try {
     Job job;
     job.id = notes.at("id");
-    job.request = {notes.at("title"), notes.at("ranks"),  notes.at("priority"), notes.at("work"),
-                   notes.at("key"),   notes.at("digest"), notes.at("report"),   0};
+    job.request = {notes.at("title"),       notes.at("ranks"),  notes.at("priority"), notes.at("work"),
+                   notes.at("key"),         notes.at("digest"), notes.at("report"),   0,
+                   notes.value("owner", "")};
     job.submitted = notes.at("submitted");
     const bool good = job.id > 0 && job.request.ranks > 0 && complaint_about(job.request.work).empty();
     return good ? std::optional(job) : std::nullopt;

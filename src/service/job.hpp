@@ -25,6 +25,7 @@ struct Request {
   std::string digest;      ///< of all that was sent
   std::string report;      ///< what `sweepvi check` said
   std::int64_t bytes = 0;  ///< of what it keeps on the disk
+  std::string owner;       ///< the user who asked; empty: whoever had the only token, or anybody
 };
 
 /// Why nothing can be run by a job's `work`; empty if it can.

@@ -11,7 +11,7 @@ namespace sweepvi::service {
 
 namespace {
 
-constexpr std::int64_t version = 2;
+constexpr std::int64_t version = 3;
 
 // AUTOINCREMENT: the number of a job that was removed stays unused.
 constexpr const char* tables = R"(CREATE TABLE IF NOT EXISTS jobs (
@@ -35,7 +35,8 @@ constexpr const char* tables = R"(CREATE TABLE IF NOT EXISTS jobs (
   message TEXT NOT NULL DEFAULT '',
   result_bytes INTEGER NOT NULL DEFAULT 0,
   result_sha256 TEXT NOT NULL DEFAULT '',
-  folder TEXT NOT NULL DEFAULT ''))";
+  folder TEXT NOT NULL DEFAULT '',
+  owner TEXT NOT NULL DEFAULT ''))";
 constexpr const char* order = "CREATE INDEX IF NOT EXISTS waiting ON jobs (state, priority DESC, id)";
 
 // Columns that databases of earlier versions may lack. Version 1 named folders by the number of the job.
@@ -57,12 +58,14 @@ constexpr std::array later_columns = {Column{"key", "TEXT"},
                                       Column{"message", "TEXT NOT NULL DEFAULT ''"},
                                       Column{"result_bytes", "INTEGER NOT NULL DEFAULT 0"},
                                       Column{"result_sha256", "TEXT NOT NULL DEFAULT ''"},
-                                      Column{"folder", "TEXT NOT NULL DEFAULT ''"}};
+                                      Column{"folder", "TEXT NOT NULL DEFAULT ''"},
+                                      Column{"owner", "TEXT NOT NULL DEFAULT ''"}};
 constexpr std::array first_columns = {"id", "state", "title", "ranks", "priority", "work"};
 
 constexpr const char* columns =
     "SELECT id, state, title, ranks, priority, work, key, digest, report, bytes, submitted, started, "
-    "finished, attempt, stop_asked, exit, signal, message, result_bytes, result_sha256, folder FROM jobs ";
+    "finished, attempt, stop_asked, exit, signal, message, result_bytes, result_sha256, folder, owner FROM "
+    "jobs ";
 
 Job read_job(const Statement& row) {
   const auto real = [&](int column) {
@@ -81,7 +84,8 @@ Job read_job(const Statement& row) {
                  row.text(6),
                  row.text(7),
                  row.text(8),
-                 row.integer(9)};
+                 row.integer(9),
+                 row.text(21)};
   job.submitted = row.real(10);
   job.started = real(11);
   job.finished = real(12);
@@ -226,8 +230,8 @@ Queue::Added Queue::add(const Request& request, const std::string& folder, std::
     throw Refusal(429, fmt::format("there are {} jobs already; delete some first", most));
   Statement(
       database_,
-      "INSERT INTO jobs (state, title, ranks, priority, work, key, digest, report, bytes, submitted, folder) "
-      "VALUES ('queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (key) DO NOTHING")
+      "INSERT INTO jobs (state, title, ranks, priority, work, key, digest, report, bytes, submitted, folder, "
+      "owner) VALUES ('queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (key) DO NOTHING")
       .with(request.title)
       .with(std::int64_t{request.ranks})
       .with(std::int64_t{request.priority})
@@ -238,6 +242,7 @@ Queue::Added Queue::add(const Request& request, const std::string& folder, std::
       .with(request.bytes)
       .with(now())
       .with(folder)
+      .with(request.owner)
       .run();
   if (database_.changes() == 0) {  // the same request came twice at once
     transaction.commit();
@@ -262,7 +267,7 @@ bool Queue::restore(const Job& job) {
   Statement(
       database_,
       "INSERT INTO jobs (id, state, title, ranks, priority, work, key, digest, report, bytes, submitted, "
-      "started, attempt, folder) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
+      "started, attempt, folder, owner) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
       "ON CONFLICT (key) DO NOTHING")
       .with(job.id)
       .with(std::string(name_of(job.state)))
@@ -278,6 +283,7 @@ bool Queue::restore(const Job& job) {
       .with(job.started)
       .with(std::int64_t{job.attempt})
       .with(job.folder)
+      .with(job.request.owner)
       .run();
   if (database_.changes() == 0) return false;
   damaged_.erase(job.id);
@@ -306,13 +312,15 @@ std::optional<Job> Queue::find(std::int64_t id) const {
   }
 }
 
-std::vector<Job> Queue::list(std::optional<State> state, std::int64_t before, std::int64_t most) const {
+std::vector<Job> Queue::list(const Selection& wanted, std::int64_t most) const {
   const std::lock_guard lock(mutex_);
-  Statement rows(database_, fmt::format("{} WHERE (? = 0 OR id < ?) AND (? = '' OR state = ?) "
-                                        "ORDER BY id DESC LIMIT ?",
+  Statement rows(database_, fmt::format("{} WHERE (?1 = 0 OR id < ?1) AND (?2 = '' OR state = ?2) AND "
+                                        "(?3 IS NULL OR owner = ?3) ORDER BY id DESC LIMIT ?4",
                                         columns));
-  const std::string name = state ? name_of(*state) : "";
-  rows.with(before).with(before).with(name).with(name).with(most);
+  rows.with(wanted.before)
+      .with(std::string(wanted.state ? name_of(*wanted.state) : ""))
+      .with(wanted.owner)
+      .with(most);
   return read_all(rows);
 }
 
@@ -330,13 +338,14 @@ std::optional<Job> Queue::next() const {
   return std::nullopt;
 }
 
-std::map<State, std::int64_t> Queue::counts() const {
+std::map<State, std::int64_t> Queue::counts(const std::optional<std::string>& owner) const {
   const std::lock_guard lock(mutex_);
   std::map<State, std::int64_t> counts;
   for (const State state :
        {State::queued, State::running, State::done, State::failed, State::cancelled, State::interrupted})
     counts[state] = 0;
-  Statement rows(database_, "SELECT state, count(*) FROM jobs GROUP BY state");
+  Statement rows(database_, "SELECT state, count(*) FROM jobs WHERE ?1 IS NULL OR owner = ?1 GROUP BY state");
+  rows.with(owner);
   while (rows.step())
     if (const std::optional<State> state = state_named(rows.text(0))) counts[*state] = rows.integer(1);
   return counts;
@@ -345,6 +354,14 @@ std::map<State, std::int64_t> Queue::counts() const {
 std::int64_t Queue::bytes_kept() const {
   const std::lock_guard lock(mutex_);
   return database_.number("SELECT coalesce(sum(max(bytes, 0)), 0) FROM jobs WHERE state <> 'running'");
+}
+
+Queue::Kept Queue::kept_by(const std::string& owner) const {
+  const std::lock_guard lock(mutex_);
+  Statement row(database_, "SELECT count(*), coalesce(sum(max(bytes, 0)), 0) FROM jobs WHERE owner = ?");
+  row.with(owner);
+  row.step();
+  return {row.integer(0), row.integer(1)};
 }
 
 std::map<std::string, Queue::Owner> Queue::owners() const {

@@ -57,14 +57,24 @@ public:
 
   /// @throws Refusal (500) if its row is damaged
   std::optional<Job> find(std::int64_t id) const;
-  /// Newest first. @param before  only jobs with smaller numbers; 0: all
-  std::vector<Job> list(std::optional<State> state, std::int64_t before, std::int64_t most) const;
+  struct Selection {
+    std::optional<State> state;
+    std::int64_t before = 0;           ///< only jobs with smaller numbers; 0: all
+    std::optional<std::string> owner;  ///< only his
+  };
+  /// Newest first.
+  std::vector<Job> list(const Selection& wanted, std::int64_t most) const;
   std::vector<Job> running() const;
   /// Who is to start next: the oldest of the highest priority.
   std::optional<Job> next() const;
-  std::map<State, std::int64_t> counts() const;
+  std::map<State, std::int64_t> counts(const std::optional<std::string>& owner = std::nullopt) const;
   /// Bytes of all jobs that are at rest or wait.
   std::int64_t bytes_kept() const;
+  struct Kept {
+    std::int64_t jobs = 0;
+    std::int64_t bytes = 0;  ///< of those that run: what they began with
+  };
+  Kept kept_by(const std::string& owner) const;
   struct Owner {
     std::int64_t id = 0;
     bool damaged = false;  ///< its row is

@@ -14,7 +14,7 @@
 #include "service/digest.hpp"
 #include "service/files.hpp"
 #include "service/refusal.hpp"
-#include "service/settings.hpp"
+#include "service/user.hpp"
 
 namespace sweepvi::service {
 

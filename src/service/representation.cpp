@@ -44,6 +44,7 @@ ordered_json represent_briefly(const Job& job) {
   json["id"] = job.id;
   json["state"] = name_of(job.state);
   json["name"] = job.request.title;
+  json["owner"] = job.request.owner;
   json["verb"] = job.request.work.at("verb");
   json["ranks"] = job.request.ranks;
   json["priority"] = job.request.priority;

@@ -117,11 +117,33 @@ void Service::set_routes() {
               [](const Asked&, Response& response) { response.set_content(embedded::openapi(), json_type); });
 }
 
+std::optional<std::string> Service::owner_seen_by(const User& user) {
+  return user.admin ? std::nullopt : std::optional(user.name);
+}
+
+// The jobs of others are as if there were none.
 Job Service::job_of(const Asked& request) const {
   const std::int64_t id = number_of(request);
-  std::optional<Job> job = queue_.find(id);
-  if (!job) throw Refusal(404, fmt::format("there is no job {}", id));
+  const User& user = access_.user_of(request);
+  std::optional<Job> job;
+  try {
+    job = queue_.find(id);
+  } catch (const Refusal&) {  // a damaged row: nobody knows whose
+    if (user.admin) throw;
+  }
+  if (!job || job->request.owner != owner_seen_by(user).value_or(job->request.owner))
+    throw Refusal(404, fmt::format("there is no job {}", id));
   return std::move(*job);
+}
+
+void Service::check_quota(const User& user, std::int64_t more) const {
+  if (user.jobs == 0 && user.disk == 0) return;
+  const Queue::Kept kept = queue_.kept_by(user.name);
+  if (user.jobs > 0 && kept.jobs >= user.jobs)
+    throw Refusal(429,
+                  fmt::format("you have {} jobs, as many as you may keep; delete some first", kept.jobs));
+  if (user.disk > 0 && kept.bytes + more > user.disk)
+    throw Refusal(507, fmt::format("your jobs together may keep {} bytes; delete some first", user.disk));
 }
 
 void Service::check_room(std::int64_t more) const {
@@ -198,15 +220,20 @@ void Service::post_job(const Asked& request, Response& response, const Reader& r
   // Most of them wait for a check: some threads are for others.
   const Counted counted(submitters_);
   if (submitters_ > settings_.threads / 2) throw Refusal(503, "too many hand in jobs at once; try again");
+  const User& user = access_.user_of(request);
   check_room(0);
   Incoming incoming(store_);
   sweepvi::service::Request wanted = receive(request, reader, incoming.folder());
+  wanted.owner = user.name;
+  // One user's key tells nothing of another's jobs.
+  if (!wanted.key.empty() && !user.name.empty()) wanted.key = user.name + "/" + wanted.key;
   const auto tell = [&](const Job& job, int status) {
     response.set_header("Location", fmt::format("/v1/jobs/{}", job.id));
     answer(response, status, represent(job, store_.job(job)));
   };
   if (const std::optional<Job> known = queue_.with_key(wanted.key, wanted.digest)) return tell(*known, 200);
   check_room(wanted.bytes);
+  check_quota(user, wanted.bytes);
 
   const Checked checked = check(wanted, incoming.folder());
   if (!checked.good) return answer_refused(response, checked);
@@ -221,18 +248,19 @@ void Service::post_job(const Asked& request, Response& response, const Reader& r
 void Service::list_jobs(const Asked& request, Response& response) {
   constexpr std::int64_t most = 1000;
   constexpr std::int64_t usual = 100;
-  std::optional<State> state;
+  Queue::Selection wanted;
+  wanted.owner = owner_seen_by(access_.user_of(request));
   if (request.has_param("state")) {
-    state = state_named(request.get_param_value("state"));
-    if (!state)
+    wanted.state = state_named(request.get_param_value("state"));
+    if (!wanted.state)
       throw Refusal(400, "'state' is none of queued, running, done, failed, cancelled, interrupted");
   }
-  const std::int64_t before = parameter(request, "before", 0, std::numeric_limits<std::int64_t>::max());
+  wanted.before = parameter(request, "before", 0, std::numeric_limits<std::int64_t>::max());
   ordered_json jobs = ordered_json::array();
-  for (const Job& job : queue_.list(state, before, parameter(request, "limit", usual, most)))
+  for (const Job& job : queue_.list(wanted, parameter(request, "limit", usual, most)))
     jobs.push_back(represent_briefly(job));
   ordered_json counts = ordered_json::object();
-  for (const auto& [known, count] : queue_.counts())
+  for (const auto& [known, count] : queue_.counts(wanted.owner))
     counts[name_of(known)] = count;
   answer(response, 200, {{"jobs", jobs}, {"counts", counts}});
 }
@@ -324,6 +352,7 @@ void Service::get_log(const Asked& request, Response& response) {
 
 void Service::remove(const Asked& request, Response& response) {
   const std::int64_t id = number_of(request);
+  if (!access_.user_of(request).admin) static_cast<void>(job_of(request));
   const std::string folder = queue_.folder_of(id);
   if (!folder.empty()) store_.take_back(folder);
   try {

@@ -44,6 +44,9 @@ private:
   void remove(const httplib::Request& request, httplib::Response& response);
   void health(httplib::Response& response);
 
+  /// The jobs that a user may see: all, or his own.
+  static std::optional<std::string> owner_seen_by(const User& user);
+  void check_quota(const User& user, std::int64_t more) const;
   Job job_of(const httplib::Request& request) const;
   Request receive(const httplib::Request& request, const Reader& reader, const std::filesystem::path& folder);
   void check_room(std::int64_t more) const;

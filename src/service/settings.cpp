@@ -1,7 +1,6 @@
 #include "service/settings.hpp"
 
 #include <fmt/format.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -26,7 +25,9 @@ const std::vector<Option>& options() {
   static const std::vector<Option> entries = {
       {"--listen", "HOST:PORT|unix:PATH", "where to listen (default: 127.0.0.1:8750)"},
       {"--data", "FOLDER", "queue and jobs (default: $XDG_STATE_HOME/sweepvi or ~/.local/state/sweepvi)"},
-      {"--token-file", "FILE", "ask for the token in it; outside loopback there must be one"},
+      {"--token-file", "FILE",
+       "ask for the token in it, or for one of those of its users, see README.md; outside loopback there "
+       "must be one"},
       {"--cores", "N", "ranks that run at once (default: the processors of this machine)"},
       {"--launcher", "mpirun|slurm", "what starts jobs (default: mpirun)"},
       {"--launcher-words", "\"...\"", "more words for mpirun or sbatch, as in \"--partition=short\""},
@@ -84,25 +85,6 @@ bool Settings::on_loopback() const {
   return on_socket() || is_loopback(host());
 }
 
-std::string read_token(const fs::path& path) {
-  struct stat about {};
-  if (stat(path.c_str(), &about) != 0)
-    throw UsageError(fmt::format("--token-file {}: {}", path.string(), std::strerror(errno)));
-  if (!S_ISREG(about.st_mode) || (about.st_mode & 077U) != 0 || about.st_uid != geteuid())
-    throw UsageError(
-        fmt::format("--token-file {}: others may read it, or it is not yours; chmod 600 it", path.string()));
-  std::istringstream text(read_file(path).value_or(""));
-  std::string token;
-  std::string more;
-  text >> token;
-  constexpr std::size_t shortest = 16;
-  if (token.size() < shortest || text >> more)
-    throw UsageError(fmt::format(
-        "--token-file {}: expected one word of {} characters or more, as 'openssl rand -hex 32' makes them",
-        path.string(), shortest));
-  return token;
-}
-
 Settings read_settings(const std::vector<std::string>& words) {
   const Arguments given("serve", words, options(), 0);
   Settings settings;
@@ -121,8 +103,8 @@ Settings read_settings(const std::vector<std::string>& words) {
     throw UsageError(
         fmt::format("{} is not there; sweepvi-serve works beside it", settings.program.string()));
   settings.plot = find_plot(own);
-  if (given.has("--token-file")) settings.token = read_token(given.get("--token-file"));
-  if (!settings.on_loopback() && settings.token.empty())
+  if (given.has("--token-file")) settings.users = read_users(given.get("--token-file"));
+  if (!settings.on_loopback() && settings.open())
     throw UsageError(fmt::format("--listen {}: outside loopback there must be a token; add --token-file FILE",
                                  settings.listen));
   settings.launcher = given.get("--launcher", settings.launcher);

@@ -5,15 +5,17 @@
 #include <string>
 #include <vector>
 
+#include "service/user.hpp"
+
 namespace sweepvi::service {
 
 /// How one daemon works; from the words of `sweepvi serve`.
 struct Settings {
-  std::string listen = "127.0.0.1:8750";  ///< host:port, or unix:/path
-  std::filesystem::path data;             ///< everything it keeps
-  std::filesystem::path program;          ///< sweepvi
-  std::filesystem::path plot;             ///< draws results; empty: there are no pictures
-  std::string token;                      ///< empty: none is asked for
+  std::string listen = "127.0.0.1:8750";    ///< host:port, or unix:/path
+  std::filesystem::path data;               ///< everything it keeps
+  std::filesystem::path program;            ///< sweepvi
+  std::filesystem::path plot;               ///< draws results; empty: there are no pictures
+  std::vector<User> users = {everybody()};  ///< at least one; its token empty: none is asked for
   std::string launcher = "mpirun";
   std::vector<std::string> launcher_words;  ///< more words for mpirun or sbatch
 
@@ -29,6 +31,7 @@ struct Settings {
   std::int64_t check_memory = 8LL << 30;  ///< the same [B]
   int threads = 64;                       ///< connections at once
 
+  bool open() const { return users.front().token.empty(); }  ///< no token is asked for
   bool on_socket() const { return listen.starts_with("unix:"); }
   std::string host() const;
   int port() const;
@@ -42,8 +45,5 @@ std::filesystem::path default_data();
 Settings read_settings(const std::vector<std::string>& words);
 
 std::string serve_help();
-
-/// The token in a file that only its owner may read. @throws UsageError
-std::string read_token(const std::filesystem::path& path);
 
 }  // namespace sweepvi::service

@@ -221,7 +221,7 @@ class Daemon:
             row = queue.execute("SELECT folder FROM jobs WHERE id = ?", (number,)).fetchone()
         return self.data / "jobs" / row[0] if row else None
 
-    def wait(self, number, states=AT_REST, timeout=60):
+    def wait(self, number, states=AT_REST, timeout=200):
         deadline = time.monotonic() + timeout
         while time.monotonic() < deadline:
             job = self.job(number)
@@ -230,7 +230,7 @@ class Daemon:
             time.sleep(0.05)
         raise AssertionError(f"job {number} is still {job['state']}: {job}")
 
-    def wait_for_progress(self, number, timeout=30):
+    def wait_for_progress(self, number, timeout=100):
         """Until it has taken steps."""
         deadline = time.monotonic() + timeout
         while time.monotonic() < deadline:
