@@ -151,14 +151,10 @@ void Restart::release_rows(const std::string& output, Recorder& recorder) {
   rows_.reset();
 }
 
-Checkpointing::Checkpointing(MPI_Comm comm, std::string output, std::map<std::string, std::string> scene,
-                             std::string started)
-    : comm_(comm), output_(std::move(output)), scene_(std::move(scene)), started_(std::move(started)) {
+Checkpointing::Checkpointing(MPI_Comm comm, const std::string& output,
+                             std::map<std::string, std::string> scene, std::string started)
+    : comm_(comm), file_(output + suffix), scene_(std::move(scene)), started_(std::move(started)) {
   MPI_Comm_rank(comm_, &rank_);
-}
-
-std::string Checkpointing::path() const {
-  return output_ + suffix;
 }
 
 CheckpointData Checkpointing::collect(Case& model, TimeMarch& march, Recorder& recorder,
@@ -179,16 +175,21 @@ CheckpointData Checkpointing::collect(Case& model, TimeMarch& march, Recorder& r
   return data;
 }
 
-void Checkpointing::write(const CheckpointData& data) const {
+void Checkpointing::reserve(const CheckpointData& data) {
   agreed(comm_, [&] {
-    if (rank_ == 0) write_whole(path(), encode(data));
+    if (rank_ == 0) file_.reserve(encode(data).size());
+  });
+}
+
+void Checkpointing::write(const CheckpointData& data) {
+  agreed(comm_, [&] {
+    if (rank_ == 0) file_.write(encode(data));
   });
 }
 
 void Checkpointing::remove() const {
   agreed(comm_, [&] {
-    std::error_code failure;
-    if (rank_ == 0) fs::remove(path(), failure);
+    if (rank_ == 0) file_.remove();
   });
 }
 

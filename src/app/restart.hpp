@@ -55,22 +55,25 @@ private:
 class Checkpointing {
 public:
   /// @param output  the trajectory's file; its checkpoint is output + ".checkpoint"
-  Checkpointing(MPI_Comm comm, std::string output, std::map<std::string, std::string> scene,
+  Checkpointing(MPI_Comm comm, const std::string& output, std::map<std::string, std::string> scene,
                 std::string started);
 
   /// Collects what goes on from here; makes the rows durable.
   /// @throws Error (output) on every rank.  @note Collective.
   CheckpointData collect(Case& model, TimeMarch& march, Recorder& recorder, const Summary& summary) const;
+  /// Takes room on the disk for a checkpoint of the size of this one, so that it can be written when the disk
+  /// is full. @throws Error (output) on every rank.
+  void reserve(const CheckpointData& data);
   /// @throws Error (output) on every rank.  @note Collective.
-  void write(const CheckpointData& data) const;
-  /// Removes the checkpoint of this output, if there is one. @note Collective.
+  void write(const CheckpointData& data);
+  /// Removes the checkpoint of this output, if there is one. @throws Error (output) on every rank.
   void remove() const;
-  std::string path() const;
+  const std::string& path() const { return file_.path(); }
 
 private:
   MPI_Comm comm_;
   int rank_ = 0;
-  std::string output_;
+  CheckpointFile file_;  // rank 0 uses it
   std::map<std::string, std::string> scene_;
   std::string started_;
 };

@@ -12,6 +12,7 @@
 #include "app/summary.hpp"
 #include "app/verbs.hpp"
 #include "app/watch.hpp"
+#include "io/mpi_io_failure.hpp"
 #include "io/printable.hpp"
 #include "io/problem_file.hpp"
 #include "io/recorder.hpp"
@@ -56,6 +57,9 @@ private:
   void march();
   void after_step(const Step& step, const StepReport& report);
   void write_checkpoint();
+  void remove_checkpoint();
+  void end_for_want_of_room();
+  std::string what_is_kept() const;
   void conclude();
   void tell() const;
 
@@ -124,8 +128,14 @@ void Run::open() {
   } else {
     recorder_ = std::make_unique<Recorder>(path_, line_.force, scene_.time, output.every, model_->dvi(),
                                            std::move(recording));
-    checkpointing_->remove();  // of an earlier run, whose rows are gone now
   }
+  try {
+    checkpointing_->reserve(checkpointing_->collect(*model_, *march_, *recorder_, summary_));
+  } catch (const Error&) {
+    recorder_->file().discard();
+    throw;
+  }
+  if (!restart_) remove_checkpoint();  // of an earlier run, whose rows are gone now
   TableFile& file = recorder_->file();
   describe(file, comm_, scene_.title, scene_.text, line_.overrides, started_);
   file.attribute("scheme", name_of(scene_.time.scheme));
@@ -138,6 +148,29 @@ void Run::open() {
 
 void Run::write_checkpoint() {
   checkpointing_->write(checkpointing_->collect(*model_, *march_, *recorder_, summary_));
+  EndAtMpiIoFailure::say(what_is_kept());
+}
+
+std::string Run::what_is_kept() const {
+  return ". What was computed up to the last checkpoint is kept: go on with --restart " +
+         checkpointing_->path();
+}
+
+// It is of no use any more; that it is still there changes nothing of what the run has done.
+void Run::remove_checkpoint() {
+  try {
+    checkpointing_->remove();
+  } catch (const Error& error) {
+    if (rank_ == 0) std::fprintf(stderr, "sweepvi: warning: %s\n", printable(error.what()).c_str());
+  }
+}
+
+// There is room for the rows so far and for a checkpoint, and for no more.
+void Run::end_for_want_of_room() {
+  write_checkpoint();
+  agreed(comm_, [&] {
+    if (rank_ == 0) throw Error(ExitCode::output, recorder_->file().shortage());
+  });
 }
 
 void Run::after_step(const Step& step, const StepReport& report) {
@@ -164,13 +197,15 @@ void Run::after_step(const Step& step, const StepReport& report) {
     try {
       write_checkpoint();
     } catch (const Error& error) {
-      if (error.code() != ExitCode::output || TableFile::damaged()) throw;
+      if (error.code() != ExitCode::output || TableFile::damaged() || recorder_->file().lost()) throw;
       if (rank_ == 0)
         std::fprintf(stderr, "sweepvi: no checkpoint at step %lld: %s. The run goes on\n",
                      static_cast<long long>(step.number), printable(error.what()).c_str());
     }
     watch_->checkpoint_written();
   }
+  if (!stopped_ && step.number < scene_.time.steps && recorder_->file().short_of_room())
+    end_for_want_of_room();
   recorded_ = MPI_Wtime();
 }
 
@@ -216,7 +251,7 @@ void Run::conclude() {
     recorder_->file().embed("/checkpoint", rank_ == 0 ? encode(goes_on) : std::vector<std::byte>());
   recorder_->finish();
   if (complete)
-    checkpointing_->remove();
+    remove_checkpoint();
   else
     checkpointing_->write(goes_on);
   summary_.time_matmult(march_->solver().jacobian());
@@ -260,10 +295,7 @@ ExitCode Run::go() {
   } catch (const Error& error) {
     std::error_code failure;
     if (error.code() != ExitCode::output || !std::filesystem::exists(checkpointing_->path(), failure)) throw;
-    throw Error(ExitCode::output,
-                fmt::format("{}. What was computed up to the last checkpoint is kept: go on "
-                            "with --restart {}",
-                            error.what(), checkpointing_->path()));
+    throw Error(ExitCode::output, error.what() + what_is_kept());
   }
   tell();
   if (!report_.certified) {

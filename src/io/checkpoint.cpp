@@ -13,7 +13,6 @@
 
 #include "io/checksum.hpp"
 #include "io/hdf5_handle.hpp"
-#include "io/output_file.hpp"
 #include "sweepvi/error.hpp"
 
 namespace sweepvi {
@@ -216,14 +215,51 @@ CheckpointData decode(std::span<const std::byte> bytes, const std::string& name)
   return data;
 }
 
-void write_whole(const std::string& path, std::span<const std::byte> bytes) {
+namespace {
+
+// Later ones list more chunks of rows.
+std::uint64_t with_growth(std::uint64_t bytes) {
+  return bytes + bytes / 4 + (std::uint64_t{1} << 18);
+}
+
+}  // namespace
+
+void CheckpointFile::reserve(std::uint64_t bytes) {
   try {
-    write_output(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, path + ".new");
+    room_.take(with_growth(bytes));
+  } catch (const std::system_error& error) {
+    throw Error(ExitCode::output, fmt::format("no room for {}, which takes {} bytes: {}; make room, or write "
+                                              "elsewhere (-o)",
+                                              path_, with_growth(bytes), error.code().message()));
+  }
+}
+
+void CheckpointFile::write(std::span<const std::byte> bytes) {
+  try {
+    room_.write({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, unfinished());
   } catch (const std::system_error& error) {
     throw Error(ExitCode::output,
-                fmt::format("{} cannot be written: {}; check the space and permissions there", path,
+                fmt::format("{} cannot be written: {}; check the space and permissions there", path_,
                             error.code().message()));
   }
+  // On a full disk there is what the older one had, at least. Else the next one is written where there is
+  // room.
+  for (const std::uint64_t size : {with_growth(bytes.size()), std::uint64_t{bytes.size()}}) {
+    try {
+      return room_.take(size);
+    } catch (const std::system_error&) {
+      continue;
+    }
+  }
+}
+
+void CheckpointFile::remove() const {
+  std::error_code failure;
+  fs::remove(unfinished(), failure);
+  fs::remove(path_, failure);
+  if (failure)
+    throw Error(ExitCode::output,
+                fmt::format("{} cannot be removed: {}; remove it by hand", path_, failure.message()));
 }
 
 CheckpointData read_checkpoint(const std::string& path) {

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "io/output_file.hpp"
 #include "io/table_mark.hpp"
 
 namespace sweepvi {
@@ -33,10 +34,28 @@ std::vector<std::byte> encode(const CheckpointData& data);
 /// @throws Error (bad_input): not a checkpoint, of another format, cut short, damaged
 CheckpointData decode(std::span<const std::byte> bytes, const std::string& name);
 
-/// Writes a file under another name, makes it durable and gives it its name: what bears it is complete, and
-/// an older one stays until then.
-/// @throws Error (output)
-void write_whole(const std::string& path, std::span<const std::byte> bytes);
+/// The file of a run's checkpoints, with room on the disk for the next one: that can be written when the disk
+/// is full. On one rank.
+class CheckpointFile {
+public:
+  explicit CheckpointFile(const std::string& path) : path_(path), room_(path) {}
+
+  const std::string& path() const { return path_; }
+  /// Takes room for one of so many bytes, and a little more. @throws Error (output), with nothing left behind
+  void reserve(std::uint64_t bytes);
+  /// Writes the file under another name, makes it durable and gives it its name: what bears it is complete,
+  /// and an older one stays until then. Takes room for the next one, if there is some.
+  /// @throws Error (output)
+  void write(std::span<const std::byte> bytes);
+  /// Removes it, and what a killed run left of one. @throws Error (output)
+  void remove() const;
+
+private:
+  std::string unfinished() const { return path_ + ".new"; }
+
+  std::string path_;
+  ReservedRoom room_;
+};
 
 /// The checkpoint that `path` is, or that it holds if it is a stopped output file.
 /// @throws Error (bad_input): no such file, nothing to go on from, or as `decode`

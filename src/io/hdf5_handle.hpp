@@ -57,7 +57,8 @@ private:
   void* data_ = nullptr;
 };
 
-/// The innermost message of the HDF5 call that failed last on this rank: the most specific there is.
+/// The innermost message of the HDF5 call that failed last on this rank: the most specific there is. Of all
+/// that HDF5 tells of a failed system call, only what the system said.
 inline std::string hdf5_reason() {
   std::string reason;
   const auto first = [](unsigned depth, const H5E_error2_t* error, void* found) -> herr_t {
@@ -67,6 +68,9 @@ inline std::string hdf5_reason() {
   H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, first, &reason);
   while (!reason.empty() && (reason.back() == '\n' || reason.back() == ' '))
     reason.pop_back();
+  const std::string begin = "error message = '";
+  if (const std::size_t at = reason.find(begin); at != std::string::npos)
+    reason = reason.substr(at + begin.size(), reason.find('\'', at + begin.size()) - at - begin.size());
   return reason.empty() ? "HDF5 gave no reason" : reason;
 }
 

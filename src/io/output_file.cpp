@@ -10,7 +10,9 @@
 #include <charconv>
 #include <cstdint>
 #include <cstdio>
+#include <optional>
 #include <system_error>
+#include <utility>
 
 namespace sweepvi {
 
@@ -33,25 +35,6 @@ int descriptor_named(const fs::path& path) {
   return error == std::errc() && end == name.data() + name.size() ? number : -1;
 }
 
-/// A descriptor that is closed with it.
-class File {
-public:
-  explicit File(int number) : number_(number) {}
-  ~File() { close(); }
-  File(const File&) = delete;
-  File& operator=(const File&) = delete;
-  int get() const { return number_; }
-  /// What is lost may be told here only.
-  int close() {
-    const int code = number_ >= 0 && ::close(number_) != 0 ? errno : 0;
-    number_ = -1;
-    return code;
-  }
-
-private:
-  int number_;
-};
-
 /// @return the reason if it cannot, 0 if it can
 int write_all(int file, std::string_view bytes) {
   while (!bytes.empty()) {
@@ -66,12 +49,6 @@ bool nothing_to_sync(int error) {
   return error == EINVAL || error == EROFS || error == ENOTSUP;
 }
 
-void sync_folder_of(const fs::path& path) {
-  const fs::path folder = path.parent_path();
-  const File file(open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (file.get() >= 0) fsync(file.get());  // a name survives a crash of the program all the same
-}
-
 /// path.XXXXXXXX, as nobody has it.
 std::string fresh_name(const fs::path& path) {
   std::uint32_t number = 0;
@@ -81,18 +58,27 @@ std::string fresh_name(const fs::path& path) {
   return path.string() + text.data();
 }
 
-void replace(const fs::path& path, std::string_view bytes, const fs::path& unfinished) {
-  const std::string name = unfinished.empty() ? fresh_name(path) : unfinished.string();
-  if (!unfinished.empty()) unlink(name.c_str());
-  struct stat before {};
-  const bool is_there = stat(path.c_str(), &before) == 0;
-  const mode_t mode = is_there ? before.st_mode & mode_t{0777} : mode_t{0666};
-  // No link that somebody put there is followed, and no file of another run is written on.
-  File file(open(name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, mode));
-  if (file.get() < 0) fail(errno, path);
+/// Permissions of a file, if it is there.
+std::optional<mode_t> mode_of(const fs::path& path) {
+  struct stat about {};
+  if (stat(path.c_str(), &about) != 0) return std::nullopt;
+  return about.st_mode & mode_t{0777};
+}
+
+/// A file under another name that shall replace `path`. No link that somebody put there is followed, and no
+/// file of another run is written on.
+PosixFile fresh_file(const std::string& name, const fs::path& path) {
+  PosixFile file(name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW, mode_of(path).value_or(0666));
+  if (!file) fail(errno, path);
+  return file;
+}
+
+/// Fills such a file and gives it the name of `path`; if that fails, removes it.
+void replace_by(PosixFile file, const std::string& name, const fs::path& path, std::string_view bytes) {
   int code = write_all(file.get(), bytes);
+  if (code == 0 && ftruncate(file.get(), static_cast<off_t>(bytes.size())) != 0) code = errno;
   // What the umask took; it may not be given back, to a confined process say, and then fewer may read it.
-  if (is_there) static_cast<void>(fchmod(file.get(), mode));
+  if (const std::optional<mode_t> mode = mode_of(path)) static_cast<void>(fchmod(file.get(), *mode));
   if (code == 0 && fsync(file.get()) != 0 && !nothing_to_sync(errno)) code = errno;
   if (const int closing = file.close(); code == 0) code = closing;
   if (code == 0 && std::rename(name.c_str(), path.c_str()) != 0) code = errno;
@@ -101,6 +87,12 @@ void replace(const fs::path& path, std::string_view bytes, const fs::path& unfin
     fail(code, path);
   }
   sync_folder_of(path);
+}
+
+void replace(const fs::path& path, std::string_view bytes, const fs::path& unfinished) {
+  const std::string name = unfinished.empty() ? fresh_name(path) : unfinished.string();
+  if (!unfinished.empty()) unlink(name.c_str());
+  replace_by(fresh_file(name, path), name, path, bytes);
 }
 
 void flush_for(int descriptor) {
@@ -136,12 +128,46 @@ void write_output(const fs::path& path, std::string_view bytes, const fs::path& 
     flush_for(target.descriptor);
     code = write_all(target.descriptor, bytes);
   } else {
-    File file(open(target.path.c_str(), O_WRONLY | O_NOCTTY | O_CLOEXEC));
-    if (file.get() < 0) fail(errno, path);
+    PosixFile file(target.path, O_WRONLY | O_NOCTTY);
+    if (!file) fail(errno, path);
     code = write_all(file.get(), bytes);
     if (const int closing = file.close(); code == 0) code = closing;
   }
   if (code != 0) fail(code, path);
+}
+
+void sync_folder_of(const fs::path& path) {
+  const fs::path folder = path.parent_path();
+  const PosixFile file(folder.empty() ? "." : folder.string(), O_RDONLY | O_DIRECTORY);
+  // Who may not look into a folder cannot, either.
+  if (file && fsync(file.get()) != 0 && !nothing_to_sync(errno)) fail(errno, path);
+}
+
+void ReservedRoom::take(std::uint64_t bytes) {
+  release();
+  // Whatever is no file of ours is written where it leads.
+  if (const OutputTarget target = output_target(path_);
+      target.kind != OutputTarget::Kind::regular || target.path != path_)
+    return;
+  unlink(name().c_str());  // of a run that was killed
+  file_ = fresh_file(name(), path_);
+  const int code = posix_fallocate(file_.get(), 0, static_cast<off_t>(bytes));
+  if (code == 0) return;
+  release();
+  fail(code, path_);
+}
+
+void ReservedRoom::write(std::string_view bytes, const fs::path& unfinished) {
+  if (file_ && std::rename(name().c_str(), unfinished.c_str()) == 0)
+    return replace_by(std::exchange(file_, {}), unfinished.string(), path_, bytes);
+  release();
+  write_output(path_, bytes, unfinished);
+}
+
+void ReservedRoom::release() noexcept {
+  if (!file_) return;
+  file_ = {};
+  unlink(name().c_str());
 }
 
 void flush_standard_output() {

@@ -1,8 +1,12 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <utility>
+
+#include "io/posix_file.hpp"
 
 namespace sweepvi {
 
@@ -29,6 +33,31 @@ OutputTarget output_target(const std::filesystem::path& path);
 /// @throws std::system_error with the path and the reason; nothing is left behind
 void write_output(const std::filesystem::path& path, std::string_view bytes,
                   const std::filesystem::path& unfinished = {});
+
+/// Has the name of a file on the disk, where the file system can. @throws std::system_error
+void sync_folder_of(const std::filesystem::path& path);
+
+/// Room on the disk for the next bytes of a file, taken in advance as a file `path.reserve` beside it:
+/// whoever fills the disk meanwhile, they can be written.
+class ReservedRoom {
+public:
+  explicit ReservedRoom(std::filesystem::path path) : path_(std::move(path)) {}
+  ReservedRoom(const ReservedRoom&) = delete;
+  ReservedRoom& operator=(const ReservedRoom&) = delete;
+  ~ReservedRoom() { release(); }
+
+  /// Takes room for so many bytes, in place of what there was. @throws std::system_error, with none taken
+  void take(std::uint64_t bytes);
+  /// write_output() in the room that was taken, which is used up then; without any, where the disk has it.
+  void write(std::string_view bytes, const std::filesystem::path& unfinished);
+  void release() noexcept;
+
+private:
+  std::string name() const { return path_.string() + ".reserve"; }
+
+  std::filesystem::path path_;
+  PosixFile file_;
+};
 
 /// Has all that was printed on its way. @throws std::system_error if some of it is lost: a full device, say
 void flush_standard_output();

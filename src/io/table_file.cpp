@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include "io/checksum.hpp"
+#include "io/mpi_io_failure.hpp"
 #include "io/table_layout.hpp"
 
 namespace sweepvi {
@@ -34,12 +35,17 @@ void TableFile::fail(std::string_view doing) const {
 }
 
 void TableFile::commit_row() {
-  if (++buffered_ == capacity_) write_rows();
+  ++buffered_;
+  // Where room is short it may be there again by now.
+  if (buffered_ == capacity_ || (short_ && buffered_ + rows_of_a_step >= room_)) write_rows();
 }
 
 void TableFile::flush() {
   write_rows();
-  writing([&] { sure(H5Fflush(file_.get(), H5F_SCOPE_GLOBAL), "flush"); });
+  writing([&] {
+    const EndAtMpiIoFailure end(comm_, partial_);
+    sure(H5Fflush(file_.get(), H5F_SCOPE_GLOBAL), "flush");
+  });
 }
 
 void TableFile::extend(hsize_t rows, hsize_t events) {
@@ -53,9 +59,8 @@ void TableFile::write_rows() {
   if (!file_ || file_damaged_)
     throw Error(ExitCode::internal, "TableFile: " + path_ + " is written to after it was closed or failed");
   const hsize_t events = gather_events();
-  agreed(comm_, [&] {
-    if (rank_ == 0) reserve(events);
-  });
+  if (buffered_ == 0 && events == 0) return;
+  reserve(events);
   writing([&] { extend(written_ + buffered_, events_written_ + events); });
   if (events > 0) writing([&] { write_events(events); });
   if (buffered_ == 0) return;
@@ -64,6 +69,7 @@ void TableFile::write_rows() {
     add_checksums(i);
   }
   written_ += buffered_;
+  room_ -= std::min(room_, buffered_);
   buffered_ = 0;
 }
 

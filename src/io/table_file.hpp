@@ -77,7 +77,9 @@ struct TableOptions {
 /// rows() and add_event(). Rows are buffered and written when the buffers are full; commit_row() does not
 /// communicate in between, and needs no memory.
 ///
-/// Space on disk is reserved before it is written, so a full disk is an ordinary error.
+/// Space on disk is reserved before it is written, so a full disk is an ordinary error. There is always room
+/// for a buffer full of rows more than there are: when the disk has no more, whoever writes can still take in
+/// what it has and mark() it, see short_of_room().
 ///
 /// @throws Error ExitCode::output, the same on every rank, when the file cannot be made or written. If space
 ///         is lacking, the rows stay buffered: flush() may be tried again, or the file discarded, or
@@ -138,6 +140,11 @@ public:
   /// of finish() or of anything else. Rank 0's mark is complete. It names the partial file; after finish()
   /// the same bytes are in file name().
   TableMark mark();
+  /// Whether the disk has no room for more than the rows of this step: it is time to mark() them and to end.
+  /// Equal on every rank.
+  bool short_of_room() const { return short_ && room_ <= rows_of_a_step; }
+  /// Why, on rank 0.
+  const std::string& shortage() const { return shortage_; }
   /// Gives the partial file its usual name, `path.partial`, in place of TableOptions::partial.
   void rename_partial();
   /// Name, without folder, that finish() gives to the file.
@@ -151,6 +158,9 @@ public:
   /// a crash or a deadlock: the object lets go of the file as it is, and the program should say what it has
   /// to say and leave with MPI_Abort. Equal on every rank of that file.
   static bool damaged() { return damaged_; }
+  /// Whether the disk failed to take what it had been given: then nobody knows what it has of the rows since
+  /// the last mark(), and there will be no other mark. Equal on every rank.
+  bool lost() const { return lost_ != 0; }
 
 private:
   /// A dataset that grows, and how it lies in the file.
@@ -182,9 +192,12 @@ private:
   void probe();
   bool is_ours() const;
   [[noreturn]] void refuse_stranger() const;
+  void make_durable(int (*synchronise_file)(int));
   void rename_to(const std::string& name) const;
   void make_buffers();
-  void reserve(hsize_t events) const;
+  hsize_t rows_ahead() const;
+  std::string take_room(hsize_t rows, hsize_t events) const;
+  void reserve(hsize_t events);
   void trim() const;
   void prepare_mpi_io(hid_t access);
   void create();
@@ -226,12 +239,17 @@ private:
   hsize_t written_ = 0;   // rows in the file
   hsize_t buffered_ = 0;  // rows in the buffers
   hsize_t events_written_ = 0;
-  std::uint64_t lists_bytes_ = 0;  // of list()
-  std::uint64_t text_bytes_ = 0;   // of attributes
-  std::vector<Event> events_;      // of this rank, since the last write
-  std::vector<Event> all_events_;  // of all ranks, sorted; rank 0, during a write
+  static constexpr hsize_t rows_of_a_step = 4;  // its own and those of its events, unless they are many
+  hsize_t room_ = 0;                            // rows that the disk has room for, beyond those in the file
+  bool short_ = false;                          // the disk had none for as many as there should be
+  std::string shortage_;                        // why; rank 0
+  std::uint64_t lists_bytes_ = 0;               // of list()
+  std::uint64_t text_bytes_ = 0;                // of attributes
+  std::vector<Event> events_;                   // of this rank, since the last write
+  std::vector<Event> all_events_;               // of all ranks, sorted; rank 0, during a write
   inline static bool damaged_ = false;
   bool file_damaged_ = false;
+  int lost_ = 0;          // why; errno of rank 0
   PosixFile descriptor_;  // the partial file; rank 0
   Hdf5File file_;         // before the datasets, so that it is closed after them
   Hdf5Properties transfer_;

@@ -7,14 +7,18 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <functional>
 #include <numeric>
+#include <system_error>
 #include <utility>
 
+#include "io/mpi_io_failure.hpp"
+#include "io/output_file.hpp"
 #include "io/table_file.hpp"
 
 namespace sweepvi {
@@ -37,10 +41,14 @@ std::string in_mebibytes(double bytes) {
   return text;
 }
 
-/// Makes a new name survive a power cut. Not every file system can; then it is as safe as it gets.
-void synchronise(const fs::path& folder) {
-  const PosixFile file(folder, O_RDONLY | O_DIRECTORY);
-  if (file) fsync(file.get());
+/// Makes the name of a file survive a power cut.
+void synchronise(const std::string& path) {
+  try {
+    sync_folder_of(path);
+  } catch (const std::system_error& error) {
+    refuse("cannot make the name " + path + " durable: " + error.code().message() +
+           "; check that disk, or write elsewhere (-o)");
+  }
 }
 
 }  // namespace
@@ -114,12 +122,12 @@ void TableFile::probe() {
     refuse("cannot write " + partial_ + ": " + (error ? error.message() : std::strerror(errno)) +
            "; check the permissions of folder " + folder_of(path_).string() + ", or choose another (-o)");
   try {
-    reserve(0);
+    if (const std::string shortage = take_room(0, 0); !shortage.empty()) refuse(shortage);
+    synchronise(partial_);
   } catch (const Error&) {
-    fs::remove(partial_);
+    fs::remove(partial_, error);
     throw;
   }
-  synchronise(folder_of(partial_));
 }
 
 /// Does the name of the partial file still mean the file that we write?
@@ -136,19 +144,45 @@ void TableFile::refuse_stranger() const {
          "another run with the same output; run again, and give each run a name of its own (-o)");
 }
 
+/// How many rows are to have room, beyond those that are buffered.
+hsize_t TableFile::rows_ahead() const {
+  const hsize_t now = written_ + buffered_, most = std::max(capacity_, rows_of_a_step);
+  return options_.expected_rows > now ? std::min(most, options_.expected_rows - now) : most;
+}
+
 // HDF5 notices a full disk only in the middle of a write, and is then beyond repair. So before it writes the
-// buffered rows and `events` we take the space for them on disk, and some more for attributes and for closing
-// the file.
-void TableFile::reserve(hsize_t events) const {
+// buffered rows and `events` we take the space for them on disk. And before they come, or there would be none
+// for those that are in the buffers already when the disk is full.
+void TableFile::reserve(hsize_t events) {
+  agreed(comm_, [&] {
+    if (rank_ != 0) return;
+    const hsize_t wanted = buffered_ + rows_ahead();
+    shortage_ = take_room(wanted, events + event_list_.chunk[0]);
+    if (shortage_.empty()) {
+      room_ = wanted;
+    } else if (room_ <= buffered_ || !take_room(room_, events).empty()) {
+      if (const std::string even_so = take_room(buffered_, events); !even_so.empty()) refuse(even_so);
+      room_ = buffered_;
+    }
+  });
+  std::array<std::uint64_t, 2> found = {room_, shortage_.empty() ? 0U : 1U};
+  MPI_Bcast(found.data(), 2, MPI_UINT64_T, 0, comm_);
+  room_ = found[0];
+  short_ = found[1] != 0;
+}
+
+/// Takes space for rows and events beyond those in the file, and some more for attributes and for closing the
+/// file. @return why there is none; empty if there is
+std::string TableFile::take_room(hsize_t rows, hsize_t events) const {
   std::uint64_t held = lists_bytes_, end = lists_bytes_, chunks = 0;
   const auto count = [&](const Stored& stored, std::uint64_t now, std::uint64_t more) {
-    const auto slabs = [&](std::uint64_t rows) { return (rows + stored.chunk[0] - 1) / stored.chunk[0]; };
+    const auto slabs = [&](std::uint64_t all) { return (all + stored.chunk[0] - 1) / stored.chunk[0]; };
     held += slabs(now) * stored.slab_bytes;
     end += slabs(now + more) * stored.slab_bytes;
     chunks += slabs(now + more) * stored.slab_chunks;
   };
   for (const Column& column : columns_)
-    count(column, written_, buffered_);
+    count(column, written_, rows);
   if (options_.events) count(event_list_, events_written_, events);
   held -= lists_bytes_;  // the newest list may not be there yet
   end += 128 * chunks + 2 * text_bytes_ + (std::uint64_t{1} << 20);
@@ -158,18 +192,18 @@ void TableFile::reserve(hsize_t events) const {
   do {
     code = fallocate(descriptor_.get(), 0, off_t(held), off_t(more)) == 0 ? 0 : errno;
   } while (code == EINTR);
-  if (code == 0) return;
+  if (code == 0) return {};
   std::string why = std::strerror(code);
   if (code != ENOSPC && code != EDQUOT && code != EFBIG) {
     // This file system cannot reserve: be content if there is enough now.
     struct statvfs disk {};
     const bool known = statvfs(folder_of(path_).c_str(), &disk) == 0 && disk.f_blocks > 0;
     const double space = double(disk.f_bavail) * double(disk.f_frsize);
-    if (!known || space >= double(more)) return;
+    if (!known || space >= double(more)) return {};
     why = in_mebibytes(space) + " are free";
   }
-  refuse("no room for " + partial_ + ": it needs " + in_mebibytes(double(more)) + " more: " + why +
-         "; make room, or write elsewhere (-o)");
+  return "no room for " + partial_ + ": it needs " + in_mebibytes(double(more)) + " more: " + why +
+         "; make room, or write elsewhere (-o)";
 }
 
 /// Cuts off what was reserved and not used: only reads what HDF5 says, and leaves every byte as it is.
@@ -223,6 +257,7 @@ void TableFile::refuse_row(std::size_t field, FieldSpec::Type type) const {
 
 herr_t TableFile::close() noexcept {
   const QuietHdf5 quiet;
+  const EndAtMpiIoFailure end(comm_, partial_);
   if (file_damaged_) {  // HDF5 would try to write on, on some ranks or others
     for (Column& column : columns_)
       column.dataset.release();
@@ -232,7 +267,9 @@ herr_t TableFile::close() noexcept {
   for (Column& column : columns_)
     column.dataset.close();
   event_list_.dataset.close();
-  return file_.close();
+  const herr_t closed = file_.close();
+  if (closed < 0) damaged_ = file_damaged_ = true;
+  return closed;
 }
 
 void TableFile::finish() {
@@ -243,9 +280,29 @@ void TableFile::finish() {
     check_path();  // somebody else may have been quicker
     if (!is_ours()) refuse_stranger();
     trim();
-    fsync(descriptor_.get());
-    rename_to(path_);
   });
+  make_durable(fsync);
+  agreed(comm_, [&] {
+    if (rank_ == 0) rename_to(path_);
+  });
+}
+
+// Systems forget what they could not write: doing it once more and with success would prove nothing.
+void TableFile::make_durable(int (*synchronise_file)(int)) {
+  try {
+    agreed(comm_, [&] {
+      if (rank_ != 0) return;
+      if (lost_ == 0 && synchronise_file(descriptor_.get()) != 0 && errno != EINVAL && errno != ENOSYS &&
+          errno != ENOTSUP)
+        lost_ = errno;
+      if (lost_ != 0)
+        refuse("cannot make " + partial_ + " durable: " + std::strerror(lost_) +
+               "; check that disk, or write elsewhere (-o)");
+    });
+  } catch (const Error&) {
+    if (lost_ == 0) lost_ = EIO;
+    throw;
+  }
 }
 
 void TableFile::rename_partial() {
@@ -263,7 +320,7 @@ void TableFile::rename_to(const std::string& name) const {
   fs::rename(partial_, name, error);
   if (error)
     refuse("cannot rename " + partial_ + " to " + name + ": " + error.message() + "; rename it by hand");
-  synchronise(folder_of(name));
+  synchronise(name);
 }
 
 std::string TableFile::name() const {

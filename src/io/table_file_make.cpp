@@ -1,11 +1,15 @@
 // What a TableFile has besides rows: the file itself, its datasets, attributes and lists.
 
+#include <fcntl.h>
 #include <hdf5_hl.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
 #include <utility>
 
 #include "io/hdf5_attribute.hpp"
+#include "io/mpi_io_failure.hpp"
 #include "io/table_file.hpp"
 #include "io/table_layout.hpp"
 
@@ -68,7 +72,13 @@ void TableFile::prepare_mpi_io(hid_t access) {
 }
 
 void TableFile::create() {
+  agreed(comm_, [&] {  // MPI-IO waits for ever for a rank that cannot open it
+    if (!PosixFile(partial_, O_RDWR))
+      throw Error(ExitCode::output, "cannot write " + partial_ + ": " + std::strerror(errno) +
+                                        "; check that every rank sees its folder, or write elsewhere (-o)");
+  });
   together([&] {
+    const EndAtMpiIoFailure end(comm_, partial_);
     const Hdf5Properties access(H5Pcreate(H5P_FILE_ACCESS));
     sure(H5Pset_fclose_degree(access.get(), H5F_CLOSE_STRONG), "prepare the file");
     // Who looks into the growing file must not be able to stop us; several ranks do not lock it anyway.
@@ -90,8 +100,9 @@ void TableFile::create() {
       if (column.dataset.get() != scale) sure(H5DSattach_scale(column.dataset.get(), scale, 0), "attach /t");
   });
   if (options_.events) together([&] { make_events(); });
+  reserve(0);
   agreed(comm_, [&] {
-    if (rank_ == 0) reserve(0);
+    if (!shortage_.empty()) throw Error(ExitCode::output, shortage_);
   });
 }
 
@@ -176,9 +187,7 @@ void TableFile::put_list(const std::string& name, hid_t type, std::size_t entry,
                          const void* values, const std::string& units, const std::string& description) {
   MPI_Bcast(&size, sizeof size, MPI_BYTE, 0, comm_);
   lists_bytes_ += size * entry;
-  agreed(comm_, [&] {
-    if (rank_ == 0) reserve(0);
-  });
+  reserve(0);
   Hdf5Dataset dataset;
   together([&] {
     const Hdf5Space space(H5Screate_simple(1, &size, nullptr));

@@ -7,8 +7,6 @@
 
 #include <unistd.h>
 
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
 
 #include "io/table_file.hpp"
@@ -18,6 +16,7 @@ namespace sweepvi {
 
 TableMark TableFile::mark() {
   flush();
+  reserve(0);  // MPI-IO has cut off what was reserved
   TableMark mark;
   mark.file = std::filesystem::path(partial_).filename().string();
   mark.rows = written_;
@@ -30,11 +29,8 @@ TableMark TableFile::mark() {
           locate(columns_[i], fields_[i].name, entry_bytes(fields_[i]), shape(written_, fields_[i])));
     if (options_.events)
       mark.fields.push_back(locate(event_list_, "/events", sizeof(Event), {events_written_}));
-    // HDF5 has done this for several ranks.
-    if (fdatasync(descriptor_.get()) != 0 && errno != EINVAL && errno != ENOSYS)
-      throw Error(ExitCode::output, "cannot make " + partial_ + " durable: " + std::strerror(errno) +
-                                        "; check that disk, or write elsewhere (-o)");
   });
+  make_durable(fdatasync);  // HDF5 has done this for several ranks
   // Every rank has the checksums of what it wrote itself.
   std::vector<std::uint64_t> sums;
   for (const Column& column : columns_)

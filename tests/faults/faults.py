@@ -23,7 +23,8 @@ import same_bits
 
 FILE = "out.h5"
 CHECKPOINT = f"{FILE}.checkpoint"
-USUAL = {FILE, f"{FILE}.partial", CHECKPOINT}  # names of a run; others are those of files being written
+# Names of a run; others are those of files being written.
+USUAL = {FILE, f"{FILE}.partial", CHECKPOINT, f"{CHECKPOINT}.reserve"}
 MARK = "SWEEPVI_FAULT_RUN"  # in the environment of every process of one run
 DEADLINE = 120  # s: an undisturbed run of a case takes a second or two
 

@@ -84,9 +84,15 @@ TEST_F(TableFileTest, AFullDiskIsEveryRanksErrorAndCostsNoRow) {
   TableFile file(world(), path("run.h5"), fields, {.events = true, .buffer_bytes = 1});
   fill_row(file, fields, 0);
   file.add_event({.t = 0.5, .constraint = rank()});
+  EXPECT_FALSE(file.short_of_room());
+  MPI_Barrier(world());
   {
-    const FileSizeLimit limited(rank() == 0 ? rlim_t(3 << 20) : RLIM_INFINITY);
-    const Error error = error_of([&] { fill_row(file, fields, 1); });
+    const FileSizeLimit limited(rank() == 0 ? fs::file_size(path("run.h5.partial")) : RLIM_INFINITY);
+    for (hsize_t row = 1; row < 5; ++row) {  // the room for these was taken before
+      fill_row(file, fields, row);
+      EXPECT_TRUE(file.short_of_room());
+    }
+    const Error error = error_of([&] { fill_row(file, fields, 5); });
     EXPECT_EQ(error.code(), ExitCode::output);
     EXPECT_NE(std::string(error.what()).find("no room for"), std::string::npos) << error.what();
     EXPECT_EQ(error_of([&] { file.real(0); }).code(), ExitCode::internal);  // the buffer is full
@@ -94,13 +100,14 @@ TEST_F(TableFileTest, AFullDiskIsEveryRanksErrorAndCostsNoRow) {
   }
   EXPECT_FALSE(TableFile::damaged());
   file.flush();  // somebody made room
-  fill_row(file, fields, 2);
+  EXPECT_FALSE(file.short_of_room());
+  fill_row(file, fields, 6);
   file.finish();
   if (rank() != 0) return;
   const Hdf5File read(H5Fopen(path("run.h5").c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
   EXPECT_EQ(shape_of(read.get(), "/events"), (std::vector<hsize_t>{hsize_t(ranks())}));
   const auto x = content<double>(read.get(), "/x", H5T_NATIVE_DOUBLE);
-  ASSERT_EQ(x.size(), 3 * n);
+  ASSERT_EQ(x.size(), 7 * n);
   for (hsize_t i = 0; i < x.size(); ++i)
     ASSERT_EQ(x[i], 1000.0 * double(i / n) + double(i % n));
 }
@@ -111,14 +118,17 @@ TEST_F(TableFileTest, AFullDiskLeavesAReadablePartialFile) {
   {
     TableFile file(world(), path("run.h5"), fields, {.buffer_bytes = 1});
     fill_row(file, fields, 0);
-    const FileSizeLimit limited(rank() == 0 ? rlim_t(3 << 20) : RLIM_INFINITY);
-    EXPECT_EQ(error_of([&] { fill_row(file, fields, 1); }).code(), ExitCode::output);
+    MPI_Barrier(world());
+    const FileSizeLimit limited(rank() == 0 ? fs::file_size(path("run.h5.partial")) : RLIM_INFINITY);
+    for (hsize_t row = 1; row < 5; ++row)
+      fill_row(file, fields, row);
+    EXPECT_EQ(error_of([&] { fill_row(file, fields, 5); }).code(), ExitCode::output);
     EXPECT_EQ(error_of([&] { file.finish(); }).code(), ExitCode::output);
     MPI_Barrier(world());
   }
   if (rank() != 0) return;
   const Hdf5File read(H5Fopen(path("run.h5.partial").c_str(), H5F_ACC_RDONLY, H5P_DEFAULT));
-  EXPECT_EQ(shape_of(read.get(), "/x"), (std::vector<hsize_t>{1, n}));
+  EXPECT_EQ(shape_of(read.get(), "/x"), (std::vector<hsize_t>{5, n}));
 }
 
 TEST_F(TableFileTest, NoRoomEvenToBegin) {
