@@ -5,7 +5,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <fstream>
 #include <system_error>
 
 #include "io/output_file.hpp"
@@ -66,7 +65,9 @@ void Attempt::remove_scratch() const noexcept {
 }
 
 void Attempt::ask_to_stop() const {
-  std::ofstream(folder_ / "stop").flush();
+  const std::filesystem::path path = folder_ / "stop";
+  const Descriptor file(open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+  if (!file) throw std::system_error(errno, std::generic_category(), path.string());
 }
 
 bool Attempt::asked_to_stop() const {

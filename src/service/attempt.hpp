@@ -62,7 +62,7 @@ public:
   void note_scratch(const std::filesystem::path& path) const;
   void remove_scratch() const noexcept;
 
-  void ask_to_stop() const;
+  void ask_to_stop() const;  ///< @throws std::system_error
   bool asked_to_stop() const;
 
   void write_ending(const Ending& ending) const;

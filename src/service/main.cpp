@@ -2,6 +2,7 @@
 
 #include <csignal>
 #include <cstdio>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -39,13 +40,23 @@ int serve(const std::vector<std::string>& words) {
   sigaddset(&endings, SIGINT);
   pthread_sigmask(SIG_BLOCK, &endings, nullptr);
   signal(SIGPIPE, SIG_IGN);
-  Service service(read_settings(words));
+  const Settings settings = read_settings(words);
+  std::optional<Service> service;
+  try {
+    service.emplace(settings);
+  } catch (const UsageError&) {
+    throw;
+  } catch (
+      const std::exception& error) {  // a disk, as a rule; nothing has been changed that a later start needs
+    complain(error);
+    return not_written;
+  }
   std::thread([&service, endings] {
     int signal = 0;
     sigwait(&endings, &signal);
-    service.stop();
+    service->stop();
   }).detach();
-  service.listen();
+  service->listen();
   return 0;
 }
 

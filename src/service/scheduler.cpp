@@ -77,9 +77,10 @@ void Scheduler::look_at(const Job& job) {
   if (!std::filesystem::is_directory(store_.job(job)))
     return give_up(job, State::failed, "its folder is gone from the daemon's data");
   const Attempt attempt = store_.attempt(job, job.attempt);
-  if (job.stop_asked && told_to_stop_.insert(job.id).second) {
+  if (job.stop_asked && !told_to_stop_.contains(job.id)) {
     attempt.ask_to_stop();
     launcher_.stop(attempt, job);
+    told_to_stop_.insert(job.id);
   }
   const Whereabouts found = launcher_.poll(attempt, job);
   switch (found.kind) {
@@ -177,10 +178,11 @@ void Scheduler::measure_disk() {
 }
 
 void Scheduler::stop_for_room(const Job& job, const std::string& reason) {
-  if (!too_large_.emplace(job.id, reason).second) return;
+  if (too_large_.contains(job.id)) return;
   const Attempt attempt = store_.attempt(job, job.attempt);
   attempt.ask_to_stop();
   launcher_.stop(attempt, job);
+  too_large_.emplace(job.id, reason);
 }
 
 std::int64_t Scheduler::room_left() const {

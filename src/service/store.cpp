@@ -112,17 +112,29 @@ void Store::promise(const std::string& name) const noexcept {
   unlink((folder(name) / unfinished).c_str());
 }
 
-void Store::take_back(const std::string& name) const noexcept {
+void Store::take_back(const std::string& name) const {
   const Descriptor mark(open((folder(name) / unfinished).c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+  // A folder that is gone brings nothing back.
+  if (!mark && errno != ENOENT)
+    throw std::system_error(errno, std::generic_category(), folder(name).string());
 }
 
 bool Store::promised(const std::string& name) const {
-  return access((folder(name) / unfinished).c_str(), F_OK) != 0;
+  std::error_code none;
+  return access((folder(name) / unfinished).c_str(), F_OK) != 0 && !fs::is_empty(folder(name), none);
 }
 
+// The mark goes last: what is left where something cannot be removed, or who does it is killed, is no job.
 void Store::discard(const std::string& name) const noexcept {
   std::error_code failure;
-  fs::remove_all(folder(name), failure);
+  bool all = true;
+  for (fs::directory_iterator at(folder(name), failure), end; !failure && at != end; at.increment(failure)) {
+    if (at->path().filename() == unfinished) continue;
+    std::error_code kept;
+    fs::remove_all(at->path(), kept);
+    all = all && !kept;
+  }
+  if (all && !failure) fs::remove_all(folder(name), failure);
 }
 
 std::vector<std::string> Store::names() const {

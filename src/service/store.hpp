@@ -45,8 +45,8 @@ public:
   void note(const Job& job) const;
   /// Takes the mark away: there is such a job.
   void promise(const std::string& name) const noexcept;
-  /// Puts the mark back, if the disk has room for it.
-  void take_back(const std::string& name) const noexcept;
+  /// Puts the mark back. @throws std::system_error if it cannot: without, the job would come back
+  void take_back(const std::string& name) const;
   bool promised(const std::string& name) const;
   /// Deletes a folder that no job has.
   void discard(const std::string& name) const noexcept;

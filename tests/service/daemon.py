@@ -113,7 +113,7 @@ def free_port():
 class Daemon:
     """One data folder, and the daemon that works there; it may be killed and started anew."""
 
-    def __init__(self, folder, *words, listen=None, token=None, env=None):
+    def __init__(self, folder, *words, listen=None, token=None, env=None, started=True):
         self.folder = Path(folder)
         self.data = self.folder / "data"
         self.listen = listen or f"127.0.0.1:{free_port()}"
@@ -124,7 +124,8 @@ class Daemon:
         self.errors_to = self.folder / "daemon.log"
         self.process = None
         self.wrong = []  # answers that the document does not have
-        self.start()
+        if started:
+            self.start()
 
     def start(self):
         self.errors = open(self.errors_to, "a")
