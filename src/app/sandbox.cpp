@@ -162,14 +162,16 @@ class Filter {
 public:
   Filter() : context_(seccomp_init(SCMP_ACT_ALLOW), seccomp_release) {
     if (!context_) fail("seccomp", ENOMEM);
-    seccomp_attr_set(context_.get(), SCMP_FLTATR_CTL_TSYNC, 1);  // MPI has threads, too
+    seccomp_attr_set(context_.get(), SCMP_FLTATR_CTL_TSYNC, 1);     // MPI has threads, too
+    seccomp_attr_set(context_.get(), SCMP_FLTATR_API_SYSRAWRC, 1);  // what the kernel says
     seccomp_attr_set(context_.get(), SCMP_FLTATR_CTL_OPTIMIZE, 2);
   }
   void refuse(const char* name, int error = EPERM) { add(name, error, 0, {}); }
   void refuse_if(const char* name, scmp_arg_cmp argument) { add(name, EPERM, 1, argument); }
   void load() {
-    // EINVAL: this kernel has none, and says so before it looks at it.
-    if (const int code = seccomp_load(context_.get()); code != 0 && code != -EINVAL) fail("seccomp", -code);
+    const int code = seccomp_load(context_.get());
+    const bool has_none = code == -EINVAL || code == -ENOSYS || code == -EOPNOTSUPP;
+    if (code != 0 && !has_none) fail("seccomp", -code);
   }
 
 private:
@@ -202,10 +204,11 @@ constexpr std::array refused = {
     "setdomainname", "iopl", "ioperm", "personality", "keyctl", "add_key", "request_key", "open_by_handle_at",
     "name_to_handle_at", "fanotify_init", "vhangup", "lookup_dcookie", "nfsservctl", "mknod", "mknodat",
     "modify_ldt",
-    // other users; modes and owners of files, which Landlock leaves open
-    "setuid", "setgid", "setreuid", "setregid", "setresuid", "setresgid", "setfsuid", "setfsgid", "setgroups",
-    "capset", "chmod", "fchmod", "fchmodat", "fchmodat2", "chown", "fchown", "lchown", "fchownat", "setxattr",
-    "lsetxattr", "fsetxattr", "removexattr", "lremovexattr", "fremovexattr"};
+    // other users; what Landlock, or an early version of it, leaves open of files: sizes, modes, owners
+    "truncate", "truncate64", "setuid", "setgid", "setreuid", "setregid", "setresuid", "setresgid",
+    "setfsuid", "setfsgid", "setgroups", "capset", "chmod", "fchmod", "fchmodat", "fchmodat2", "chown",
+    "fchown", "lchown", "fchownat", "setxattr", "lsetxattr", "fsetxattr", "removexattr", "lremovexattr",
+    "fremovexattr"};
 
 void refuse_system_calls() {
   Filter filter;
