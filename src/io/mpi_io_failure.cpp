@@ -15,8 +15,8 @@ MPI_Comm waiting = MPI_COMM_NULL;  // those who would wait; null: nobody
 std::string file_name;
 std::string left_behind;
 
-void end_all() {
-  const int reason = errno;
+/// @param reason  errno; 0: unknown
+void end_all(int reason) {
   int rank = 0;
   MPI_Comm_rank(waiting, &rank);
   std::fprintf(stderr, "sweepvi: [rank %d] cannot write %s: %s; check the space and permissions there%s\n",
@@ -32,7 +32,7 @@ void look_at(int code, int count, MPI_Datatype type, const MPI_Status* status) {
   int written = 0;
   MPI_Type_size(type, &size);
   MPI_Get_elements(status, MPI_BYTE, &written);
-  if (code != MPI_SUCCESS || written != count * size) end_all();
+  if (code != MPI_SUCCESS || written != count * size) end_all(errno);
 }
 
 }  // namespace
@@ -42,7 +42,7 @@ extern "C" {
 
 int MPI_File_open(MPI_Comm comm, const char* name, int mode, MPI_Info info, MPI_File* file) {
   const int code = PMPI_File_open(comm, name, mode, info, file);
-  if (code != MPI_SUCCESS && waiting != MPI_COMM_NULL) end_all();
+  if (code != MPI_SUCCESS && waiting != MPI_COMM_NULL) end_all(0);
   return code;
 }
 
