@@ -170,7 +170,8 @@ std::vector<std::byte> encode(const CheckpointData& data) {
     header["numbers"].push_back({name, values.size()});
   for (const auto& [name, values] : data.integers)
     header["integers"].push_back({name, values.size()});
-  const std::string text = header.dump(1) + "\n";
+  // Names of files need not be UTF-8; one that is not is found again beside the checkpoint (RowSource).
+  const std::string text = header.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
   const std::uint64_t length = text.size();
 
   std::vector<std::byte> bytes;
