@@ -146,7 +146,7 @@ private:
   void look_at_stray(const std::string& name) {
     const fs::path folder = folder_ / "jobs" / name;
     std::error_code none;
-    if (fs::exists(folder / "unfinished", none))
+    if (fs::exists(folder / "unfinished", none) || fs::is_empty(folder, none))
       tell(fmt::format("jobs/{} was promised to nobody", name));
     else if (is_folder_name(name) && notes_in(folder))
       tell(fmt::format("jobs/{} is of a job that the queue does not know", name));

@@ -41,7 +41,9 @@ class Fsck(InService):
         queue.close()
 
     def test_each_thing_that_is_wrong(self):
-        self.fsck(2, "a daemon works here")
+        outcome = program.run("fsck", "--data", self.data)  # while somebody else writes there
+        self.assertEqual(outcome.code, 2, outcome)
+        self.assertIn("a daemon works here", outcome.err)
         self.daemon.end()
         self.fsck(0, "4 jobs, 4 folders, 0 in quarantine: nothing is wrong")
         first, second, third, fourth = self.homes
@@ -58,6 +60,7 @@ class Fsck(InService):
         stray.mkdir()
         (stray / "unfinished").touch()
         (self.data / "jobs/letter").mkdir()
+        (self.data / "jobs/letter/text").write_text("unread")
         text = self.fsck(2, "its result is not what was written", "its result has 5 bytes", "cannot be read", "has no notes",
                          "its row in the queue is damaged", "was promised to nobody", "jobs/letter belongs to no job", "7 things").out  # fmt: skip
         self.assertEqual(len(text.splitlines()), 8, text)
