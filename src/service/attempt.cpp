@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -52,6 +53,16 @@ bool Attempt::claimed() const {
 bool Attempt::alive() const {
   const Descriptor file(open((folder_ / "claim").c_str(), O_RDONLY | O_CLOEXEC));
   return file && flock(file.get(), LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+}
+
+void Attempt::beat(const Descriptor& claim) noexcept {
+  futimens(claim.get(), nullptr);
+}
+
+double Attempt::last_beat() const {
+  struct stat about {};
+  if (stat((folder_ / "claim").c_str(), &about) != 0) return 0.0;
+  return static_cast<double>(about.st_mtim.tv_sec) + 1e-9 * static_cast<double>(about.st_mtim.tv_nsec);
 }
 
 void Attempt::note_scratch(const std::filesystem::path& path) const {

@@ -58,6 +58,11 @@ public:
   /// Whether the one who claimed it is still there.
   bool alive() const;
 
+  /// Says that its supervisor is there, at least every few seconds. @param claim  what claim() gave
+  static void beat(const Descriptor& claim) noexcept;
+  /// When it said so last [s since 1970, by the clock of the file system]; 0: never.
+  double last_beat() const;
+
   /// Where MPI keeps its own files meanwhile; remembered, for a supervisor that is killed cannot tidy up.
   void note_scratch(const std::filesystem::path& path) const;
   void remove_scratch() const noexcept;

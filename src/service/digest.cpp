@@ -55,12 +55,14 @@ std::string digest_of(std::string_view bytes) {
   return hex(digest.bytes());
 }
 
-std::string digest_of_file(const std::string& path) {
+std::string digest_of_file(const std::string& path, const std::function<void()>& meanwhile) {
   std::ifstream file(path, std::ios::binary);
   Digest digest;
   std::vector<char> buffer(1U << 20U);
-  while (file.read(buffer.data(), static_cast<std::streamsize>(buffer.size())) || file.gcount() > 0)
+  while (file.read(buffer.data(), static_cast<std::streamsize>(buffer.size())) || file.gcount() > 0) {
     digest.add({buffer.data(), static_cast<std::size_t>(file.gcount())});
+    if (meanwhile) meanwhile();
+  }
   if (!file.eof()) throw std::runtime_error(path + " cannot be read");
   return hex(digest.bytes());
 }

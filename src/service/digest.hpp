@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -28,7 +29,8 @@ std::string hex(std::string_view bytes);
 std::string base64(std::string_view bytes);
 std::string digest_of(std::string_view bytes);  ///< 64 hexadecimal digits
 /// @throws std::runtime_error if it cannot be read
-std::string digest_of_file(const std::string& path);
+/// @param meanwhile  called again and again: a large file takes minutes
+std::string digest_of_file(const std::string& path, const std::function<void()>& meanwhile = {});
 
 /// Bytes from the system's generator, in hexadecimal.
 std::string random_hex(std::size_t bytes);

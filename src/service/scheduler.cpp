@@ -15,7 +15,9 @@ namespace {
 constexpr auto interval = std::chrono::milliseconds(100);
 constexpr auto after_trouble = std::chrono::milliseconds(2000);
 constexpr double disk_interval = 0.5;  // s
-constexpr double overdue = 5.0;        // s, after the last signal's grace: its supervisor does not react
+constexpr double quiet = 5.0;          // s: a supervisor that says nothing for longer was stopped
+constexpr double longest_look =
+    0.5;  // s; more between two of our looks is our own pause, and nobody's silence
 }  // namespace
 
 Scheduler::Scheduler(Queue& queue, const Store& store, const Settings& settings, Launcher& launcher)
@@ -107,26 +109,33 @@ void Scheduler::look_at(const Job& job) {
 }
 
 // A supervisor that was stopped (SIGSTOP) sees neither a request to stop nor a limit of time. Once either is
-// due it is let go on; where that does not help, all that it supervises is ended.
+// due, and it says nothing, it is let go on; where that does not help, all that it supervises is ended.
 void Scheduler::watch(const Job& job, const Attempt& attempt) {
   const auto [at, first] = watched_.try_emplace(job.id);
   Watched& watched = at->second;
   const double time = ticks();
   if (first) {
-    watched.begin = time;
+    watched.begin = watched.looked = time;
     watched.limit = attempt.order().seconds;
   }
   const bool told = told_to_stop_.contains(job.id) || too_large_.contains(job.id);
   if (told && watched.stop == 0.0) watched.stop = time;
-  const double late = watched.limit > 0.0 ? watched.begin + watched.limit : time + 1.0;
-  const double due = watched.stop > 0.0 ? std::min(watched.stop, late) : late;
-  constexpr double moment = 1.0;  // s: more than a supervisor takes to look around
-  if (time < due + moment) return;
-  if (!std::exchange(watched.woken, true)) launcher_.wake(attempt);
-  constexpr int signals = 3;  // each with its grace, see Supervisor
-  if (time < due + signals * settings_.grace + overdue) return;
-  launcher_.end(attempt);
-  watched.ended = true;
+  const double beat = attempt.last_beat();
+  watched.silent =
+      beat == watched.beat ? watched.silent + std::min(time - watched.looked, longest_look) : 0.0;
+  watched.beat = beat;
+  watched.looked = time;
+  const bool late = watched.limit > 0.0 && time > watched.begin + watched.limit;
+  if (!(late || watched.stop > 0.0) || watched.silent < quiet) return;
+  if (!watched.woken) {
+    launcher_.wake(attempt);
+    watched.woken = true;
+    watched.silent = 0.0;
+  } else if (watched.silent > settings_.grace) {
+    launcher_.end(attempt);
+    watched.ended = true;
+    watched.silent = 0.0;
+  }
 }
 
 void Scheduler::give_up_lost(const Job& job, const std::string& reason) {

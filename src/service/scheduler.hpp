@@ -50,6 +50,8 @@ private:
     double begin = 0.0;                 // when it was first seen
     double limit = 0.0;                 // its supervisor's [s]; 0: none
     double stop = 0.0;                  // when it was asked to stop; 0: it was not
+    double beat = 0.0, looked = 0.0;    // its supervisor's last word, and our last look
+    double silent = 0.0;                // for so long since [s], while we looked
     bool woken = false, ended = false;  // by us, being overdue
   };
   std::map<std::int64_t, Watched> watched_;

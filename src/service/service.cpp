@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <cstdio>
 #include <stdexcept>
 #include <thread>
@@ -100,6 +101,8 @@ void Service::set_answers() {
 
 void Service::stop() {
   ends_ = true;
+  while (!server_.is_running())  // or the word would be lost
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
   server_.stop();
 }
 

@@ -59,9 +59,26 @@ private:
   const Attempt& attempt_;
 };
 
+/// Says now and then that this process is there.
+class Pulse {
+public:
+  explicit Pulse(const Descriptor& claim) : claim_(claim) {}
+  void beat() {
+    constexpr double interval = 1.0;  // s
+    if (ticks() - last_ < interval) return;
+    last_ = ticks();
+    Attempt::beat(claim_);
+  }
+
+private:
+  const Descriptor& claim_;
+  double last_ = 0.0;
+};
+
 class Supervisor {
 public:
-  explicit Supervisor(const std::filesystem::path& folder) : attempt_(folder), order_(attempt_.order()) {}
+  Supervisor(const std::filesystem::path& folder, Pulse& pulse)
+      : attempt_(folder), order_(attempt_.order()), pulse_(pulse) {}
 
   Ending run() {
     if (attempt_.asked_to_stop()) {
@@ -73,6 +90,7 @@ public:
     start();
     int status = 0;
     while (true) {
+      pulse_.beat();
       copy_output(look_around);
       const pid_t ended = waitpid(pid_, &status, WNOHANG);
       if (ended == pid_ || (ended < 0 && errno != EINTR)) break;
@@ -166,12 +184,16 @@ private:
     last_ = time;
     // mpirun passes the first two on. Its group has no ranks: they are in groups of their own.
     kill(signal == SIGKILL ? -pid_ : pid_, signal);
-    if (signal == SIGKILL) end_processes_with(attempt_mark, attempt_.folder().string());
+    if (signal == SIGKILL)
+      end_processes_with(attempt_mark, attempt_.folder().string());
+    else  // or those that somebody stopped would not hear of it
+      signal_processes_with(attempt_mark, attempt_.folder().string(), SIGCONT);
     ending_.forced = signal != SIGUSR1;
   }
 
   Attempt attempt_;
   Order order_;
+  Pulse& pulse_;
   Ending ending_;
   pid_t pid_ = 0;
   Descriptor output_, log_;
@@ -197,7 +219,8 @@ int supervise(const std::filesystem::path& folder) {
     // Room for the ending: a run that fills the disk can still say so.
     const std::filesystem::path reserve = folder / "reserve";
     write_output(reserve, std::string(16384, '\0'));
-    Ending ending = Supervisor(folder).run();
+    Pulse pulse(claim);
+    Ending ending = Supervisor(folder, pulse).run();
     const std::filesystem::path result = attempt.job() / "result";
     std::error_code none;
     for (const char* kind : {".h5", ".csv"}) {
@@ -205,7 +228,7 @@ int supervise(const std::filesystem::path& folder) {
       const std::uintmax_t bytes = std::filesystem::file_size(file, none);
       if (none) continue;
       ending.bytes = static_cast<std::int64_t>(bytes);
-      ending.sha256 = digest_of_file(file);
+      ending.sha256 = digest_of_file(file, [&] { pulse.beat(); });
     }
     ending.finished = now();
     std::filesystem::remove(reserve);
